@@ -1,0 +1,29 @@
+PYTHON ?= python3
+# What runs here does not reach the robots on the network.
+ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
+
+.PHONY: help demo lint test colcon clean
+
+help:  ## print this
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' Makefile
+
+demo:  ## drive a simulated robot: make demo ARGS='--path circle'
+	@.ci/environment demo demo $(ARGS)
+
+lint:  ## ruff, mypy, ament_flake8, ament_pep257
+	@.ci/environment test .ci/lint
+
+# rclpy then refuses a field of the wrong type, which it otherwise corrupts silently.
+test colcon: export ROS_PYTHON_CHECK_FIELDS = 1
+
+test: lint  ## lint, then pytest: make test ARGS='-k odometry'
+	@printf '\n== pytest\n'
+	@.ci/environment test python -m pytest $(ARGS)
+
+colcon:  ## build and test as a ROS workspace does
+	@.ci/environment colcon .ci/colcon
+
+clean:  ## remove all that was made, the virtual environments too
+	rm -rf .venv .venv-ros .colcon build dist demo.png *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find diffdrive_ros test -name __pycache__ -prune -exec rm -rf {} +

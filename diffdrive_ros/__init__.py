@@ -1,0 +1,1 @@
+"""Differential-drive kinematics, odometry and command node for ROS 2."""

