@@ -1,0 +1,102 @@
+"""The core stands on numpy alone, and its modules on each other in one direction."""
+import ast
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import diffdrive_ros
+import pytest
+
+PACKAGE = Path(diffdrive_ros.__file__).parent
+
+# What each module of the core may stand on, besides numpy and the standard library.
+CORE = {
+    'arguments': set(),
+    'se2': {'arguments'},
+    'kinematics': {'arguments', 'se2'},
+    'odometry': {'arguments', 'se2', 'kinematics'},
+    'feedback': {'arguments', 'se2', 'kinematics'},
+    'command': {'arguments', 'se2', 'kinematics'},
+    # The judge of the odometry shares no code with it.
+    'simulation': {'arguments'},
+}
+MODULES = [name for name in CORE if (PACKAGE / f'{name}.py').exists()]
+
+WITHOUT_ROS = """
+import importlib, re, sys
+
+ROS = re.compile(r'(rcl|ros|ament|tf2|builtin_interfaces|unique_identifier|.*_(msgs|srvs)$)')
+
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if ROS.match(name.partition('.')[0]):
+            raise ModuleNotFoundError(f'{name} is not to be had here')
+
+
+sys.meta_path.insert(0, NoRos())
+for name in 'rclpy', 'builtin_interfaces.msg', 'rcl_interfaces.msg', 'sensor_msgs', 'tf2_ros':
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        assert str(error).endswith('not to be had here')
+    else:
+        raise AssertionError(f'{name} could be imported after all')
+"""
+
+DRIVE_A_CIRCLE = """
+from math import pi
+
+from diffdrive_ros.command import CommandPath
+from diffdrive_ros.feedback import WheelFeedback
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import Odometry
+
+drive = DiffDrive(0.317, 0.0471, 0.0533)
+path, feedback, odometry = CommandPath(drive, 0.5), WheelFeedback(['l'], ['r']), Odometry(drive)
+path.accept(2.0 * pi, 2.0 * pi, 0)
+sent = path.step(0)
+for tenths in range(11):
+    angles = [sent.left * tenths / 10.0, sent.right * tenths / 10.0]
+    sample = feedback.update(['l', 'r'], angles, [], tenths * 10**8)
+    odometry.update(sample.left, sample.right, sample.stamp_ns)
+print(*odometry.pose.round(9) + 0.0)
+"""
+
+
+def run_without_ros(code):
+    """Run code in a Python where nothing of ROS can be imported; return what it prints."""
+    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get('PYTHONPATH')]))
+    return subprocess.run(
+        [sys.executable, '-c', WITHOUT_ROS + code], check=True, timeout=60, text=True,
+        stdout=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': path}).stdout
+
+
+def imports_of(module):
+    """Return the full names of what a module of the package imports, wherever it does so."""
+    names = set()
+    for node in ast.walk(ast.parse((PACKAGE / f'{module}.py').read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            origin = '.'.join(filter(None, ['diffdrive_ros' * bool(node.level), node.module]))
+            names |= {f'{origin}.{alias.name}' for alias in node.names}
+    return names
+
+
+def test_the_core_drives_a_circle_where_ros_cannot_be_imported():
+    code = ''.join(f'import diffdrive_ros.{module}\n' for module in MODULES) + DRIVE_A_CIRCLE
+    assert run_without_ros(code).split() == ['0.0', '0.0', '6.283185307']
+
+
+@pytest.mark.parametrize('module', MODULES)
+def test_arrows_between_the_modules_go_one_way(module):
+    own = {name.split('.')[1] for name in imports_of(module) if name.startswith('diffdrive_ros.')}
+    assert own <= CORE[module]
+
+
+@pytest.mark.parametrize('module', MODULES)
+def test_the_core_needs_numpy_and_nothing_else(module):
+    others = {name.partition('.')[0] for name in imports_of(module)} - {'diffdrive_ros'}
+    assert others <= {'numpy', *sys.stdlib_module_names}
