@@ -1,0 +1,299 @@
+"""
+Parameters: declared with their descriptions, validated, and made into one frozen Config.
+
+The names, and where they have one the meaning, are diff_drive_controller's. Every rule is
+checked on the whole set, at start and before any change at run time: all or nothing.
+"""
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+import re
+from typing import Any, TypeVar
+
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import WheelNoise
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+Values = Mapping[str, Any]
+
+
+class ParameterError(ValueError):
+    """A parameter breaks its rule; the message names it, its value and the rule."""
+
+    def __init__(self, name: str, value: object, rule: str) -> None:
+        super().__init__(f'{name} = {value}: {rule}')
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a value has to be, in words and as a test."""
+
+    text: str
+    holds: Callable[[Any], bool]
+
+
+ANYTHING = Rule('', lambda value: True)
+POSITIVE = Rule('must be positive and finite', lambda value: 0.0 < value < math.inf)
+NOT_NEGATIVE = Rule('must be finite and zero or more', lambda value: 0.0 <= value < math.inf)
+POSITIVE_OR_NAN = Rule(
+    'must be positive and finite, or .nan for none',
+    lambda value: 0.0 < value < math.inf or math.isnan(value))
+RATE = Rule('must be positive and at most 1000 Hz', lambda value: 0.0 < value <= 1000.0)
+AT_LEAST_ONE = Rule('must be 1 or more', lambda value: value >= 1)
+NOT_EMPTY = Rule('must not be empty', lambda value: value != '')
+JOINT_NAMES = Rule(
+    'must be a list of one or more different joint names',
+    lambda value: 0 < len(value) == len(set(value)) and '' not in value)
+
+
+def one_of(*choices: str) -> Rule:
+    """Return the rule that a value is among the choices."""
+    return Rule(f'must be one of {", ".join(choices)}', lambda value: value in choices)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One parameter; its type is that of its default. live: may be set at run time."""
+
+    name: str
+    default: bool | int | float | str | list[str]
+    description: str
+    rule: Rule = ANYTHING
+    live: bool = False
+
+    def check(self, value: object) -> None:
+        """Raise ParameterError unless the value is of the type and keeps the rule."""
+        if isinstance(self.default, list):
+            fits = isinstance(value, Sequence) and all(isinstance(item, str) for item in value)
+            fits = fits and not isinstance(value, str)
+        else:
+            fits = type(value) is type(self.default)
+        if not fits:
+            raise ParameterError(self.name, repr(value), _TYPES[type(self.default)])
+        if not self.rule.holds(value):
+            raise ParameterError(self.name, repr(value), self.rule.text)
+
+    def with_point(self, value: object) -> object:
+        """Return an integer given for a double as a double: 1 means 1.0."""
+        return float(value) if type(value) is int and type(self.default) is float else value
+
+    @property
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what `ros2 param describe` shows."""
+        return ParameterDescriptor(
+            description=self.description, additional_constraints=self.rule.text,
+            read_only=not self.live)
+
+
+_TYPES = {
+    bool: 'must be a bool, true or false',
+    int: 'must be an integer',
+    float: 'must be a double',
+    str: 'must be a string',
+    list: 'must be a list of strings',
+}
+
+GEOMETRY = (
+    Spec('left_wheel_names', ['left_wheel_joint'],
+         'Joints of the left wheels. A name that the driver does not use: no odometry at all.',
+         JOINT_NAMES),
+    Spec('right_wheel_names', ['right_wheel_joint'],
+         'Joints of the right wheels, as many as left ones. Swapped with the left ones, every '
+         'turn goes the wrong way.', JOINT_NAMES),
+    Spec('wheel_separation', 0.160,
+         'FULL distance between the left and right contact points [m]. Too large: the robot '
+         'turns further than commanded, and odometry reports too little.', POSITIVE),
+    Spec('wheel_radius', 0.033,
+         'Radius of the wheels [m]. Too large: the robot drives slower and less far than '
+         'odometry says.', POSITIVE),
+    Spec('wheel_separation_multiplier', 1.0,
+         'Correction factor of wheel_separation, from calibration.', POSITIVE, live=True),
+    Spec('left_wheel_radius_multiplier', 1.0,
+         'Correction factor of the left radius. Too large: straight drives bend to the left.',
+         POSITIVE, live=True),
+    Spec('right_wheel_radius_multiplier', 1.0,
+         'Correction factor of the right radius. Too large: straight drives bend to the right.',
+         POSITIVE, live=True),
+)
+
+COMMAND_INTERFACE = Spec(
+    'command_interface', 'joint_state',
+    'Form of the wheel commands: joint_state (JointState), multi_array (Float64MultiArray, left '
+    'wheels then right), per_wheel (Float64 on <joint>/command) or none.',
+    one_of('joint_state', 'multi_array', 'per_wheel', 'none'))
+
+ODOMETRY = (
+    Spec('odom_frame_id', 'odom', 'Frame in which odometry gives the pose.', NOT_EMPTY),
+    Spec('base_frame_id', 'base_link', 'Frame between the wheels, x forward.', NOT_EMPTY),
+    Spec('position_feedback', True,
+         'Use the positions of joint_states; false: integrate their velocities.'),
+    Spec('open_loop', False,
+         'Integrate the commands as applied, for a robot without encoders; joint_states is '
+         'not used.'),
+    Spec('velocity_rolling_window_size', 10,
+         'Samples over which the twist is measured. Too many: it lags; too few: it shows the '
+         'steps of the encoders.', AT_LEAST_ONE),
+    Spec('left_wheel_travel_variance', WheelNoise.left_travel,
+         "Variance of the left wheel's travel over the floor per metre driven [m^2/m]. Too "
+         'small: filters trust odometry that has slipped away.', NOT_NEGATIVE),
+    Spec('right_wheel_travel_variance', WheelNoise.right_travel,
+         "Variance of the right wheel's travel over the floor per metre driven [m^2/m].",
+         NOT_NEGATIVE),
+    Spec('turn_variance', WheelNoise.turn,
+         'Variance of the heading per radian turned, from wheels that scrub [rad^2/rad].',
+         NOT_NEGATIVE),
+    Spec('cmd_vel_timeout', 0.5,
+         'The wheels are stopped when no command has come for this long [s]; 0 never stops '
+         'them.', NOT_NEGATIVE, live=True),
+    Spec('command_rate', 50.0, 'Rate at which wheel commands go out [Hz].', RATE),
+    Spec('max_wheel_speed', math.nan,
+         'Fastest that a wheel can turn [rad/s]; a faster command is slowed down as a whole, '
+         'so that the curve stays. .nan: no limit, and a wheel that cannot follow bends it.',
+         POSITIVE_OR_NAN, live=True),
+    COMMAND_INTERFACE,
+    Spec('enable_stamped_cmd_vel', False,
+         'Commands come as TwistStamped; false: as Twist. The other type is not heard.'),
+)
+
+
+@dataclass(frozen=True)
+class Config:
+    """The settings of the node odometry, validated as a whole."""
+
+    left_wheel_names: tuple[str, ...]
+    right_wheel_names: tuple[str, ...]
+    drive: DiffDrive
+    odom_frame_id: str
+    base_frame_id: str
+    position_feedback: bool
+    open_loop: bool
+    velocity_rolling_window_size: int
+    noise: WheelNoise
+    cmd_vel_timeout: float
+    command_rate: float
+    max_wheel_speed: float | None
+    command_interface: str
+    enable_stamped_cmd_vel: bool
+
+    @classmethod
+    def of(cls, values: Values) -> 'Config':
+        """Return the Config of a full set of values; raises ParameterError."""
+        if values['base_frame_id'] == values['odom_frame_id']:
+            raise ParameterError(
+                'base_frame_id', repr(values['base_frame_id']), 'must differ from odom_frame_id')
+        left_wheel_names, right_wheel_names = wheel_names(values)
+        max_wheel_speed = values['max_wheel_speed']
+        return cls(
+            left_wheel_names=left_wheel_names,
+            right_wheel_names=right_wheel_names,
+            drive=drive(values),
+            noise=WheelNoise(
+                values['left_wheel_travel_variance'], values['right_wheel_travel_variance'],
+                values['turn_variance']),
+            max_wheel_speed=None if math.isnan(max_wheel_speed) else max_wheel_speed,
+            **{name: values[name] for name in (
+                'odom_frame_id', 'base_frame_id', 'position_feedback', 'open_loop',
+                'velocity_rolling_window_size', 'cmd_vel_timeout', 'command_rate',
+                'command_interface', 'enable_stamped_cmd_vel')})
+
+
+def wheel_names(values: Values) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the left and right joints; raises ParameterError unless they pair up."""
+    left, right = tuple(values['left_wheel_names']), tuple(values['right_wheel_names'])
+    if len(left) != len(right):
+        raise ParameterError(
+            'right_wheel_names', list(right), f'must be as many as left_wheel_names, {len(left)}')
+    if values.get('command_interface') == 'per_wheel':
+        for name in (*left, *right):
+            if not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*', name):
+                raise ParameterError(
+                    'command_interface', "'per_wheel'", f'must be another form, since {name} '
+                    'cannot stand in the name of a topic')
+    if both := sorted(set(left) & set(right)):
+        raise ParameterError(
+            'right_wheel_names', list(right), f'must not share {both[0]} with left_wheel_names')
+    return left, right
+
+
+def drive(values: Values) -> DiffDrive:
+    """Return the geometry with its multipliers applied; raises ValueError."""
+    return DiffDrive(
+        values['wheel_separation'] * values['wheel_separation_multiplier'],
+        values['wheel_radius'] * values['left_wheel_radius_multiplier'],
+        values['wheel_radius'] * values['right_wheel_radius_multiplier'])
+
+
+def given(node: Node) -> Values:
+    """Return what a parameter file and the command line set for a node, by name."""
+    # rclpy has no public way to tell a value that was given from a default.
+    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+
+
+def declare(node: Node, specs: Sequence[Spec]) -> Values:
+    """Declare the parameters on a node; return their values. Raises ParameterError."""
+    values: dict[str, Any] = {}
+    overrides = given(node)
+    for spec in specs:
+        values[spec.name] = spec.with_point(overrides.get(spec.name, spec.default))
+        spec.check(values[spec.name])
+        node.declare_parameter(
+            spec.name, values[spec.name], spec.descriptor, ignore_override=True)
+    return values
+
+
+def is_example_robot(node: Node, parameter_file: bool) -> bool:
+    """
+    Return True if nothing was said of the robot, so that the example stands in for it.
+
+    Raises ParameterError if the geometry was given by half, or a parameter file was and brought
+    none of it: most often a key in the file that is not the node's name.
+    """
+    geometry = {spec.name: spec for spec in GEOMETRY}
+    said = sorted(given(node).keys() & geometry)
+    if not said and not parameter_file:
+        return True
+    needed = ['wheel_separation', 'wheel_radius']
+    if {'left_wheel_names', 'right_wheel_names'} & set(said):
+        needed += ['left_wheel_names', 'right_wheel_names']
+    for name in needed:
+        if name not in said:
+            why = (f'{", ".join(said)} came without it' if said else 'the parameter file has '
+                   f'nothing of it under a key that is {node.get_fully_qualified_name()}')
+            raise ParameterError(name, '(not set)', f'{geometry[name].rule.text}; {why}')
+    return False
+
+
+ConfigT = TypeVar('ConfigT')
+
+
+def follow_changes(
+    node: Node, specs: Sequence[Spec], config_of: Callable[[Values], ConfigT],
+    apply: Callable[[ConfigT], None],
+) -> None:
+    """Let the live parameters be set at run time: validated before, all or none, then applied."""
+    by_name = {spec.name: spec for spec in specs}
+
+    def values(changes: Sequence[Parameter]) -> Values:
+        now: dict[str, Any] = {name: node.get_parameter(name).value for name in by_name}
+        return now | {change.name: change.value for change in changes}
+
+    def with_points(changes: list[Parameter]) -> list[Parameter]:
+        return [
+            Parameter(change.name, value=by_name[change.name].with_point(change.value))
+            if change.name in by_name else change for change in changes]
+
+    def validate(changes: list[Parameter]) -> SetParametersResult:
+        try:
+            for change in changes:
+                if change.name in by_name:
+                    by_name[change.name].check(change.value)
+            config_of(values(changes))
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_pre_set_parameters_callback(with_points)
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(lambda changes: apply(config_of(values([]))))

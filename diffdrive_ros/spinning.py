@@ -1,0 +1,119 @@
+"""
+One way to run a node as a process: its arguments, executor, signals and last words.
+
+SIGINT, SIGTERM, SIGHUP and SIGQUIT end the node while its context is still valid, so that it can
+say a last word (stop the wheels) and be sure that it was heard.
+"""
+import argparse
+from collections.abc import Callable, Sequence
+import signal
+import socket
+import sys
+import threading
+from typing import TypeVar
+
+import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
+NodeT = TypeVar('NodeT', bound=Node)
+
+
+class StartError(Exception):
+    """A node cannot start, for a reason that is said in one line."""
+
+
+# Besides, what rclpy raises for files, names and overrides that it cannot take.
+START_ERRORS = (StartError, RuntimeError, ParameterException, NameValidationException)
+
+
+def run(
+    name: str, description: str, make_node: Callable[[], NodeT],
+    last_words: Callable[[NodeT], None], arguments: Sequence[str] | None = None,
+) -> int:
+    """
+    Run a node until a signal ends it; return the exit code of the process.
+
+    last_words is called with the node before anything of it is destroyed, whatever ended it.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    stop = _catch_signals()
+    try:
+        refuse_other_arguments(name, description, arguments)
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+    except START_ERRORS as error:
+        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
+    try:
+        _spin(node, last_words, stop)
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def refuse_other_arguments(name: str, description: str, arguments: Sequence[str]) -> None:
+    """Exit with a line on standard error if there are arguments that ROS would pass over."""
+    parser = argparse.ArgumentParser(
+        prog=name, description=description, allow_abbrev=False,
+        epilog=f'ROS arguments come after --ros-args: {name} --ros-args --params-file robot.yaml')
+    parser.parse_args(remove_ros_args([name, *arguments])[1:])
+
+
+def has_parameter_file(arguments: Sequence[str] | None = None) -> bool:
+    """Return whether the arguments (default: those of the process) name a parameter file."""
+    return '--params-file' in (sys.argv if arguments is None else arguments)
+
+
+def make_executor() -> Executor:
+    """Return the cheapest executor that this rclpy has."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def _spin(
+    node: NodeT, last_words: Callable[[NodeT], None], signals: socket.socket,
+) -> None:
+    executor = make_executor()
+    executor.add_node(node)
+    stop = threading.Event()
+
+    def wait_for_a_signal() -> None:
+        signals.recv(1)
+        stop.set()
+        executor.wake()
+
+    threading.Thread(target=wait_for_a_signal, daemon=True).start()
+    try:
+        while not stop.is_set():
+            # Not spin(): that of EventsExecutor hangs in rclpy before 7.1.8.
+            executor.spin_once(timeout_sec=0.5)
+    finally:
+        last_words(node)
+        executor.remove_node(node)
+        node.destroy_node()
+
+
+def _catch_signals() -> socket.socket:
+    """
+    Return a socket that can be read as soon as one of the signals has come.
+
+    A handler in Python runs only when the main thread is back from C++, which may be half a
+    second later; the byte is written by the interpreter's own handler, at once.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    signal.set_wakeup_fd(writer.detach(), warn_on_full_buffer=False)
+    for each in STOP_SIGNALS:
+        if signal.getsignal(each) != signal.SIG_IGN or each != signal.SIGHUP:  # as nohup asks
+            signal.signal(each, lambda number, frame: None)
+    return reader

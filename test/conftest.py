@@ -1,0 +1,50 @@
+"""Every test has a ROS domain of its own, and none reaches beyond this machine."""
+from collections.abc import Callable, Iterator
+import itertools
+import os
+
+from hypothesis import settings
+import pytest
+from station import Process, Station
+
+settings.register_profile('suite', deadline=None, derandomize=True)
+settings.load_profile('suite')
+
+# Read when a context is made: for the tests and for the processes that they start.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a field of a wrong type raises
+
+# Domains whose ports are free of Linux's ephemeral ones; two suites at once start apart.
+_domains = itertools.cycle(range(1, 102))
+for _ in range(os.getpid() % 101):
+    next(_domains)
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Return a ROS domain for one test; processes started by it are in it too."""
+    number = next(_domains)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+    return number
+
+
+@pytest.fixture
+def station(domain: int) -> Iterator[Station]:
+    """Return a driver's station in the domain of the test."""
+    station = Station(domain)
+    yield station
+    station.close()
+
+
+@pytest.fixture
+def start(domain: int) -> Iterator[Callable[..., Process]]:
+    """Return a function that starts a node as a process, ended with the test."""
+    processes: list[Process] = []
+
+    def start_process(module: str, *arguments: str, **parameters: object) -> Process:
+        processes.append(Process(module, *arguments, **parameters))
+        return processes[-1]
+
+    yield start_process
+    for process in processes:
+        process.close()

@@ -1,0 +1,137 @@
+"""A driver's station for tests: what is published and heard around the nodes under test."""
+from collections.abc import Callable, Iterator
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+DEEP = QoSProfile(depth=10000)
+
+# Odd numbers that survive no mix-up of sides, of half and full, or of diameter and radius.
+SEPARATION, LEFT_RADIUS, RIGHT_RADIUS = 0.317, 0.0471, 0.0533
+GEOMETRY = {
+    'wheel_separation': SEPARATION,
+    'wheel_radius': LEFT_RADIUS,
+    'right_wheel_radius_multiplier': RIGHT_RADIUS / LEFT_RADIUS,
+}
+
+
+class Station:
+    """A node with an executor of its own in a thread; what it hears is kept in lists."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = Context()
+        self.context.init(domain_id=domain)
+        self.node = Node('station', context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin)
+        self._thread.start()
+        self._publishers = {}
+
+    def close(self) -> None:
+        """Shut down, and wait until the thread has ended."""
+        self._executor.shutdown()
+        self._thread.join()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def add(self, node: Node) -> Node:
+        """Let a node under test run in this process."""
+        self._executor.add_node(node)
+        return node
+
+    def hear(self, kind: type, topic: str) -> list:
+        """Return a list that fills with (time of receipt, message)."""
+        heard = []
+        self.node.create_subscription(
+            kind, topic, lambda message: heard.append((time.monotonic(), message)), DEEP)
+        return heard
+
+    def say(self, topic: str, message: object, listeners: int = 1) -> None:
+        """Publish a message, once somebody listens."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(type(message), topic, DEEP)
+        publisher = self._publishers[topic]
+        wait_until(lambda: publisher.get_subscription_count() >= listeners)
+        publisher.publish(message)
+
+    def say_until(self, is_so: Callable[[], object], topic: str, messages: Iterator) -> None:
+        """Publish message after message until something is so: discovery loses the first ones."""
+        wait_until(lambda: is_so() or self.say(topic, next(messages)), pause=0.05)
+
+    def call(self, kind: type, service: str, request: object) -> object:
+        """Return the answer of a service."""
+        client = self.node.create_client(kind, service)
+        assert client.wait_for_service(timeout_sec=10.0)
+        future = client.call_async(request)
+        wait_until(future.done)
+        return future.result()
+
+
+class Process:
+    """A node as a process; what it prints is read when it has ended."""
+
+    def __init__(self, module: str, *arguments: str, **parameters: object) -> None:
+        given = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', f'diffdrive_ros.{module}', '--ros-args', *arguments, *given],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.output = ''
+
+    @property
+    def is_running(self) -> bool:
+        """Return whether the process has not ended."""
+        return self._process.poll() is None
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
+    def wait(self, timeout: float = 10.0) -> int:
+        """Return the exit code; output is complete then."""
+        self.output = self._process.communicate(timeout=timeout)[0]
+        return self._process.returncode
+
+    def close(self) -> None:
+        """End the process if it still runs."""
+        if self.is_running:
+            self._process.kill()
+        self._process.communicate()
+
+
+def wait_until(
+        is_so: Callable[[], object], timeout: float = 15.0, pause: float = 0.002) -> None:
+    """Return as soon as something is so; fail if it does not become so."""
+    deadline = time.monotonic() + timeout
+    while not is_so():
+        assert time.monotonic() < deadline, 'it did not become so in time'
+        time.sleep(pause)
+
+
+def twist(linear: float, angular: float) -> Twist:
+    """Return a command [m/s, rad/s]."""
+    message = Twist()
+    message.linear.x, message.angular.z = linear, angular
+    return message
+
+
+def joints(stamp_ns: int, **angles: float) -> JointState:
+    """Return a message with the positions of joints [rad] by their names."""
+    message = JointState(name=list(angles), position=[float(angle) for angle in angles.values()])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    return message
+
+
+def stamp_ns(message: Odometry) -> int:
+    """Return the stamp of a message [ns]."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec

@@ -1,0 +1,241 @@
+"""The node odometry as a process: how it starts, how it refuses to, and how it stops."""
+from collections.abc import Callable
+import itertools
+import math
+from pathlib import Path
+import signal
+import time
+
+from diffdrive_ros.kinematics import DiffDrive
+from nav_msgs.msg import Odometry
+import pytest
+from sensor_msgs.msg import JointState
+from station import GEOMETRY, joints, Process, SEPARATION, Station, twist, wait_until
+
+Start = Callable[..., Process]
+
+EXAMPLE = DiffDrive(0.160, 0.033, 0.033)
+PERIOD = 0.02  # of the wheel commands at the default rate
+LATE = 0.1  # what a loaded machine may add to any of the times below
+
+
+def drive(station: Station) -> list[tuple[float, JointState]]:
+    """Command a curve until the wheels turn; return what was and will be heard of them."""
+    heard = station.hear(JointState, 'wheel_commands')
+    wait_until(lambda: station.node.count_publishers('wheel_commands'))
+    while not heard:
+        station.say('cmd_vel', twist(0.2, 0.7))
+        time.sleep(0.01)
+    return heard
+
+
+def is_zero(message: JointState) -> bool:
+    """Return whether a wheel command stops all wheels."""
+    return list(message.velocity) == [0.0, 0.0]
+
+
+def test_a_valid_command_turns_each_wheel_at_its_right_speed_within_two_periods(
+        station: Station, start: Start) -> None:
+    """From the first command on, and from each change."""
+    start('odometry_node')
+    heard = drive(station)
+    wait_until(lambda: len(heard) > 10)
+    for speed in (0.1, -0.3, 0.25):
+        station.say('cmd_vel', twist(speed, 0.7))
+        sent_at = time.monotonic()
+        expected = pytest.approx(EXAMPLE.wheel_speeds(speed, 0.7))
+        wait_until(lambda expected=expected: list(heard[-1][1].velocity) == expected)
+        first = next(at for at, message in heard if list(message.velocity) == expected)
+        assert first - sent_at < 2.0 * PERIOD + LATE
+
+
+@pytest.mark.parametrize(('linear', 'angular'), [
+    (math.nan, 0.1), (0.1, math.nan), (math.inf, 0.0), (-math.inf, 0.0), (1e308, -1e308)])
+def test_a_command_that_is_not_finite_stops_the_wheels(
+        station: Station, start: Start, linear: float, angular: float) -> None:
+    """The next valid one is driven again; the reason is said once, not with every command."""
+    process = start('odometry_node')
+    heard = drive(station)
+    for _ in range(5):
+        station.say('cmd_vel', twist(linear, angular))
+    sent_at = time.monotonic()
+    wait_until(lambda: is_zero(heard[-1][1]))
+    assert heard[-1][0] - sent_at < 2.0 * PERIOD + LATE
+    station.say('cmd_vel', twist(0.2, 0.7))
+    wait_until(lambda: not is_zero(heard[-1][1]))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert process.output.count('must be finite') == 1
+
+
+def test_silence_stops_the_wheels_after_the_timeout(station: Station, start: Start) -> None:
+    """The command's source died: zero within the timeout and one period, said once."""
+    process = start('odometry_node', cmd_vel_timeout=0.31)
+    heard = drive(station)
+    sent_at = heard[0][0]
+    wait_until(lambda: is_zero(heard[-1][1]))
+    assert 0.31 - 2.0 * PERIOD < heard[-1][0] - sent_at < 0.31 + PERIOD + LATE
+    count = len(heard)
+    wait_until(lambda: len(heard) > count + 20)
+    assert all(is_zero(message) for _, message in heard[count:])
+    process.signal(signal.SIGTERM)
+    assert process.wait() == 0
+    assert process.output.count('no command for 0.31 s') == 1
+
+
+def test_a_timeout_of_zero_never_stops_the_wheels_and_says_so(
+        station: Station, start: Start) -> None:
+    """A choice that has to be made in so many words."""
+    process = start('odometry_node', cmd_vel_timeout=0)
+    heard = drive(station)
+    wait_until(lambda: len(heard) > 60)
+    assert not any(is_zero(message) for _, message in heard)
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert 'cmd_vel_timeout = 0.0' in process.output
+
+
+@pytest.mark.parametrize('form', ['joint_state', 'per_wheel'])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_stops_the_wheels_at_once_and_the_last_zero_arrives(
+        station: Station, start: Start, number: signal.Signals, form: str) -> None:
+    """Exit code 0, no traceback, and nothing after the zero."""
+    from std_msgs.msg import Float64
+    process = start('odometry_node', command_interface=form, **GEOMETRY)
+    if form == 'joint_state':
+        heard = drive(station)
+    else:
+        heard = station.hear(Float64, 'right_wheel_joint/command')
+        station.hear(Float64, 'left_wheel_joint/command')
+        wait_until(lambda: station.node.count_publishers('right_wheel_joint/command'))
+        station.say('cmd_vel', twist(0.2, 0.7))
+        wait_until(lambda: heard)
+    sent_at = time.monotonic()
+    process.signal(number)
+    assert process.wait() == 0
+    wait_until(lambda: heard[-1][0] > sent_at)
+    at, last = heard[-1]
+    assert is_zero(last) if form == 'joint_state' else last.data == 0.0
+    assert at - sent_at < PERIOD + LATE
+    assert 'Traceback' not in process.output
+
+
+def test_a_signal_while_idle_ends_the_node_without_a_wheel_command(
+        station: Station, start: Start) -> None:
+    """Who was never commanded holds no wheels, and lets go of none."""
+    process = start('odometry_node')
+    heard = station.hear(JointState, 'wheel_commands')
+    wait_until(lambda: station.node.count_publishers('wheel_commands'))
+    sent_at = time.monotonic()
+    process.signal(signal.SIGTERM)
+    assert process.wait() == 0
+    assert time.monotonic() - sent_at < 3.0
+    assert heard == []
+
+
+def test_a_bare_start_is_the_example_robot_with_one_warning(
+        station: Station, start: Start) -> None:
+    """It can be driven at once, and says whose robot it is."""
+    process = start('odometry_node')
+    odometry = station.hear(Odometry, 'odom')
+    station.say_until(lambda: odometry, 'joint_states', (
+        joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    [warning] = process.output.strip().splitlines()
+    assert 'WARN' in warning
+    assert 'example robot, wheel_separation 0.16 m, wheel radii 0.033 and 0.033 m' in warning
+
+
+def test_a_known_geometry_starts_without_a_warning(station: Station, start: Start) -> None:
+    """What is used is said, since a wrong number is seen best where it is used."""
+    process = start('odometry_node', **GEOMETRY)
+    wait_until(lambda: station.node.count_publishers('odom'))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert 'WARN' not in process.output
+    assert f'wheel_separation {SEPARATION} m, wheel radii 0.0471 and 0.0533 m' in process.output
+
+
+GOOD = 'wheel_separation: 0.3\n    wheel_radius: 0.05\n    '
+
+REFUSALS = [
+    ('wheel_radius: -1', 'wheel_radius = -1.0: must be positive and finite'),
+    ('wheel_radius: "a"', "wheel_radius = 'a': must be a double"),
+    ('wheel_radius: .nan', 'wheel_radius = nan: must be positive and finite'),
+    ('wheel_radius: .inf', 'wheel_radius = inf: must be positive and finite'),
+    ('wheel_separation: 0', 'wheel_separation = 0.0: must be positive and finite'),
+    ('wheel_radius: 0.05', 'wheel_separation = (not set): must be positive'),
+    ('wheel_separation: 0.3', 'wheel_radius = (not set): must be positive'),
+    (GOOD + 'left_wheel_names: [fl]', 'right_wheel_names = (not set): must be a list'),
+    (GOOD + 'left_wheel_names: [fl, rl]\n    right_wheel_names: [fr]',
+     "right_wheel_names = ['fr']: must be as many as left_wheel_names, 2"),
+    (GOOD + 'left_wheel_names: [a]\n    right_wheel_names: [a]',
+     "right_wheel_names = ['a']: must not share a with left_wheel_names"),
+    (GOOD + 'left_wheel_names: []\n    right_wheel_names: []', 'left_wheel_names = '),
+    (GOOD + 'left_wheel_names: wheel\n    right_wheel_names: [fr]',
+     "left_wheel_names = 'wheel': must be a list of strings"),
+    (GOOD + 'command_interface: pwm',
+     "command_interface = 'pwm': must be one of joint_state, multi_array, per_wheel, none"),
+    (GOOD + 'cmd_vel_timeout: -0.5', 'cmd_vel_timeout = -0.5: must be finite and zero or more'),
+    (GOOD + 'command_rate: 0.0', 'command_rate = 0.0: must be positive and at most 1000 Hz'),
+    (GOOD + 'open_loop: 1', 'open_loop = 1: must be a bool'),
+    (GOOD + 'velocity_rolling_window_size: 0', 'velocity_rolling_window_size = 0: must be 1'),
+    (GOOD + 'base_frame_id: odom', "base_frame_id = 'odom': must differ from odom_frame_id"),
+    (GOOD + 'left_wheel_names: [a-b]\n    right_wheel_names: [c]\n    '
+     'command_interface: per_wheel', 'command_interface = '),
+]
+
+
+def test_wrong_parameters_refuse_to_start_with_one_clear_line(
+        station: Station, start: Start, tmp_path: Path) -> None:
+    """Parameter, value, rule and node in the line; exit code 1; no wheel was commanded."""
+    heard = station.hear(JointState, '/robot/wheel_commands')
+    refused = []
+    for number, (text, line) in enumerate(REFUSALS):
+        file = tmp_path / f'{number}.yaml'
+        file.write_text(f'/robot/odometry:\n  ros__parameters:\n    {text}\n')
+        refused.append((line, start(
+            'odometry_node', '-r', '__ns:=/robot', '--params-file', str(file))))
+        if number % 4 == 3:
+            wait_until(lambda: not refused[-4][1].is_running)
+    for line, process in refused:
+        assert process.wait() == 1, line
+        [said] = process.output.strip().splitlines()
+        assert said.startswith('odometry: /robot/odometry cannot start: ')
+        assert line in said
+    assert heard == []
+
+
+def test_a_parameter_file_for_another_node_is_refused(start: Start, tmp_path: Path) -> None:
+    """The commonest mistake: a key that does not match the node, and defaults on the robot."""
+    file = tmp_path / 'robot.yaml'
+    file.write_text(f'diff_drive:\n  ros__parameters:\n    {GOOD}\n')
+    process = start('odometry_node', '--params-file', str(file))
+    assert process.wait() == 1
+    [said] = process.output.strip().splitlines()
+    assert 'wheel_separation = (not set): must be positive' in said
+    assert 'nothing of it under a key that is /odometry' in said
+
+
+@pytest.mark.parametrize('text', ['odometry:\n  ros__parameters:\n    wheel_rad', '', '{'])
+def test_half_a_parameter_file_is_refused(start: Start, tmp_path: Path, text: str) -> None:
+    """A file that was cut off names itself."""
+    file = tmp_path / 'half.yaml'
+    file.write_text(text)
+    process = start('odometry_node', '--params-file', str(file))
+    assert process.wait() == 1
+    assert 'Traceback' not in process.output
+    assert 'wheel_separation = (not set)' in process.output or 'half.yaml' in process.output
+
+
+def test_a_parameter_file_without_ros_args_is_refused(tmp_path: Path) -> None:
+    """Passed over in silence, it would leave the example robot's numbers on a real one."""
+    import subprocess
+    import sys
+    ended = subprocess.run(
+        [sys.executable, '-m', 'diffdrive_ros.odometry_node', '--params-file', 'robot.yaml'],
+        capture_output=True, text=True, timeout=20)
+    assert ended.returncode == 2
+    assert 'unrecognized arguments: --params-file robot.yaml' in ended.stderr
