@@ -115,8 +115,8 @@ def test_a_sample_comes_once_per_round_of_all_wheels_and_never_early(order):
 
 # What is missing or broken
 
-@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_not_finite_is_dropped_and_the_next_carries(two_wheels, value):
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e12, -1e300])
+def test_a_value_that_is_not_finite_or_absurd_is_dropped_and_the_next_carries(two_wheels, value):
     two_wheels.update(*positions_of(left=1.0, right=2.0), 7)
     assert two_wheels.update(*positions_of(left=value, right=3.0), 8) is None
     assert two_wheels.complaint == f'left = {value}: must be finite and below 1e+12'
@@ -138,15 +138,19 @@ def test_a_message_with_neither_says_which_wheel_has_none(two_wheels, by_velocit
     assert by_velocity.complaint == 'left has no velocity'
 
 
-def test_values_shorter_than_the_names_renew_the_wheels_they_reach(two_wheels):
+def test_a_message_with_one_wheel_bad_is_dropped_as_a_whole(two_wheels):
     assert two_wheels.update(['left', 'right'], [1.0], [], 7) is None
     assert two_wheels.complaint == 'right has no position'
-    assert two_wheels.update(*positions_of(right=2.0), 8) == WheelSample(1.0, 2.0, 8)
+    assert two_wheels.update(['left', 'right'], [1.0, math.nan], [], 8) is None
+    assert two_wheels.update(*positions_of(right=2.0), 9) is None
+    assert two_wheels.update(*positions_of(left=3.0), 10) == WheelSample(3.0, 2.0, 10)
 
 
-def test_a_complaint_is_about_the_last_message_alone(two_wheels):
+def test_a_complaint_is_about_the_last_message_of_our_wheels(two_wheels):
     two_wheels.update(['left'], [], [], 7)
     two_wheels.update(*positions_of(arm=1.0), 8)
+    assert two_wheels.complaint == 'left has no position'
+    two_wheels.update(*positions_of(left=1.0), 9)
     assert two_wheels.complaint == ''
 
 
@@ -181,17 +185,18 @@ def test_a_velocity_that_is_not_newer_is_ignored(by_velocity, late):
 
 def test_each_wheel_is_integrated_over_its_own_time(by_velocity):
     by_velocity.update(*velocities_of(left=0.0), EPOCH_NS)
-    by_velocity.update(*velocities_of(right=0.0), EPOCH_NS + SECOND)
-    by_velocity.update(*velocities_of(left=1.0), EPOCH_NS + 4 * SECOND)
-    sample = by_velocity.update(*velocities_of(right=1.0), EPOCH_NS + 6 * SECOND)
-    assert sample == WheelSample(4.0, 5.0, EPOCH_NS + 6 * SECOND)
+    by_velocity.update(*velocities_of(right=0.0), EPOCH_NS + SECOND // 10)
+    by_velocity.update(*velocities_of(left=10.0), EPOCH_NS + 4 * SECOND // 10)
+    sample = by_velocity.update(*velocities_of(right=10.0), EPOCH_NS + 6 * SECOND // 10)
+    assert (sample.left, sample.right) == pytest.approx((4.0, 5.0))
+    assert sample.stamp_ns == EPOCH_NS + 6 * SECOND // 10
 
 
 def test_the_velocity_after_a_dropped_one_holds_for_both_intervals(by_velocity):
     by_velocity.update(*velocities_of(left=1.0, right=1.0), EPOCH_NS)
-    by_velocity.update(*velocities_of(left=math.nan, right=1.0), EPOCH_NS + SECOND)
-    sample = by_velocity.update(*velocities_of(left=1.0, right=1.0), EPOCH_NS + 2 * SECOND)
-    assert sample == WheelSample(2.0, 2.0, EPOCH_NS + 2 * SECOND)
+    by_velocity.update(*velocities_of(left=math.nan, right=1.0), EPOCH_NS + SECOND // 2)
+    sample = by_velocity.update(*velocities_of(left=1.0, right=1.0), EPOCH_NS + SECOND)
+    assert sample == WheelSample(1.0, 1.0, EPOCH_NS + SECOND)
 
 
 def test_positions_are_of_no_matter_where_velocities_count(by_velocity):
