@@ -58,10 +58,12 @@ class Robot:
 
     def __init__(self) -> None:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed in stop
-        self._processes = {
-            'simulator': self._start('simulator_node', *ROBOT, *FLOOR),
-            'odometry': self._start('odometry_node', *ROBOT),
-        }
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self) -> None:
+        """Start the processes."""
+        self._processes['simulator'] = self._start('simulator_node', *ROBOT, *FLOOR)
+        self._processes['odometry'] = self._start('odometry_node', *ROBOT)
 
     def check(self) -> None:
         """Raise DemoError if one of the processes has ended."""
@@ -73,7 +75,7 @@ class Robot:
 
     def stop(self) -> None:
         """End the processes that still run, the odometry first: it stops the wheels."""
-        for process in reversed(self._processes.values()):
+        for process in reversed(list(self._processes.values())):
             process.send_signal(signal.SIGINT)
             try:
                 process.wait(timeout=2.0)
@@ -222,6 +224,7 @@ def running_robot() -> Iterator[Robot]:
     """Start a robot; stop it in the end, whatever happened."""
     robot = Robot()
     try:
+        robot.start()
         yield robot
     finally:
         robot.stop()
