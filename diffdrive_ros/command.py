@@ -1,13 +1,16 @@
 """
 The way out: from the body twist asked for to the wheel speeds sent, at every moment a safe one.
 
-Time is that of a steady clock, in ns. What is asked holds until the timeout; silence, and a
-command that is not finite, bring the target to zero.
+Time is that of a clock that does not go back, in ns. What is asked holds until the timeout;
+silence, a command that is not finite and a hold bring the target to zero, and the deceleration
+limits alone say how fast the robot gets there.
 """
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 import math
 
 from diffdrive_ros.kinematics import desaturate, DiffDrive
+from diffdrive_ros.limits import AxisLimits
 import numpy as np
 
 
@@ -22,6 +25,7 @@ class WheelCommand:
 
 
 STOP = WheelCommand(0.0, 0.0, 0.0, 0.0)
+NO_LIMITS = AxisLimits()
 
 
 @dataclass
@@ -29,55 +33,97 @@ class CommandPath:
     """
     The last command and what becomes of it.
 
-    A timeout [s] of 0 is none; max_wheel_speed [rad/s] of None is no limit. The settings may
-    be changed between two calls.
+    A timeout [s] of 0 is none; max_wheel_speed [rad/s] of None is no limit; period [s] is the time
+    from one step to the next. The settings may be changed between two calls. holds are reasons
+    to keep the wheels at zero, in words for a person: while there is one, commands are not taken.
     """
 
     drive: DiffDrive
     timeout: float
     max_wheel_speed: float | None = None
+    linear_limits: AxisLimits = NO_LIMITS
+    angular_limits: AxisLimits = NO_LIMITS
+    period: float = 0.02
+    holds: set[str] = field(default_factory=set, init=False)
+    counts: Counter[str] = field(default_factory=Counter, init=False)
+    """How often what happened, by the words in which diagnostics say it."""
 
     def __post_init__(self) -> None:
         self._linear = self._angular = 0.0
         self._received_ns: int | None = None
+        self._applied = self._applied_before = STOP
         self._complaint = ''
 
     @property
     def started(self) -> bool:
-        """Whether a command has ever come."""
+        """Return whether a command has ever come."""
         return self._received_ns is not None
 
     @property
+    def received_ns(self) -> int | None:
+        """Return when the last command came [ns], None before the first."""
+        return self._received_ns
+
+    @property
     def complaint(self) -> str:
-        """Why the wheels were stopped, for a person to read; '' when they were not."""
-        return self._complaint
+        """Return why the wheels are stopped, for a person to read; '' when they are not."""
+        return ', '.join(sorted(self.holds)) or self._complaint
 
     def accept(self, linear: float, angular: float, now_ns: int) -> None:
         """Take a command, the forward speed [m/s] and turn rate [rad/s] of the body."""
         self._received_ns = now_ns
-        if self._is_drivable(linear, angular):
-            self._linear, self._angular, self._complaint = linear, angular, ''
-        else:
+        self._count('commands')
+        if not self._is_drivable(linear, angular):
+            self._count('not finite')
             self._stop(f'command ({linear} m/s, {angular} rad/s): must be finite')
+        elif self.holds:
+            self._count('held')
+            self._stop('')
+        else:
+            self._linear, self._angular, self._complaint = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:
-        """Return what to send to the wheels at this moment."""
-        if self._received_ns is None:
-            return STOP
-        moving = self._linear or self._angular
-        if moving and self.timeout and now_ns - self._received_ns > self.timeout * 1e9:
+        """Return what to send to the wheels now, a period after the last step."""
+        if self.holds:
+            self._linear = self._angular = 0.0
+        if (self._linear or self._angular) and self._is_too_old(now_ns):
+            self._count('timeouts')
             self._stop(f'no command for {self.timeout:g} s')
-        left, right = self.drive.wheel_speeds(self._linear, self._angular)
+        last, before_last = self._applied, self._applied_before
+        linear = self.linear_limits.step(
+            self._linear, last.linear, before_last.linear, self.period)
+        angular = self.angular_limits.step(
+            self._angular, last.angular, before_last.angular, self.period)
+        if (linear, angular) != (self._linear, self._angular):
+            self._count('limited')
+        self._applied, self._applied_before = self._for_wheels(linear, angular), last
+        return self._applied
+
+    def _for_wheels(self, linear: float, angular: float) -> WheelCommand:
+        with np.errstate(over='ignore'):
+            left, right = map(float, self.drive.wheel_speeds(linear, angular))
+        if not (math.isfinite(left) and math.isfinite(right)):  # by a geometry set meanwhile
+            self._stop(f'wheel speeds ({left}, {right} rad/s): must be finite')
+            return STOP
         if self.max_wheel_speed is not None:
-            left, right = desaturate(left, right, self.max_wheel_speed)
-        linear, angular = self.drive.body_twist(left, right)
-        return WheelCommand(float(left), float(right), float(linear), float(angular))
+            asked = left, right
+            left, right = map(float, desaturate(left, right, self.max_wheel_speed))
+            if (left, right) != asked:
+                self._count('desaturated')
+                linear, angular = map(float, self.drive.body_twist(left, right))
+        return WheelCommand(left, right, linear, angular)
+
+    def _is_too_old(self, now_ns: int) -> bool:
+        if self._received_ns is None or not self.timeout:
+            return False
+        age_ns = now_ns - self._received_ns
+        return age_ns > self.timeout * 1e9 or age_ns < 0  # simulation time that started again
 
     def _is_drivable(self, linear: float, angular: float) -> bool:
         if not (math.isfinite(linear) and math.isfinite(angular)):
             return False
         # Finite, but so large that a wheel's speed overflows: as good as infinite.
-        with np.errstate(over='ignore', invalid='ignore'):
+        with np.errstate(over='ignore'):
             speeds = self.drive.wheel_speeds(linear, angular)
             return bool(
                 np.isfinite(speeds).all() and np.isfinite(self.drive.body_twist(*speeds)).all())
@@ -85,3 +131,6 @@ class CommandPath:
     def _stop(self, complaint: str) -> None:
         self._linear = self._angular = 0.0
         self._complaint = complaint
+
+    def _count(self, what: str) -> None:
+        self.counts[what] += 1

@@ -17,7 +17,8 @@ CORE = {
     'kinematics': {'arguments', 'se2'},
     'odometry': {'arguments', 'se2', 'kinematics'},
     'feedback': {'arguments', 'se2', 'kinematics'},
-    'command': {'arguments', 'se2', 'kinematics'},
+    'limits': set(),
+    'command': {'arguments', 'se2', 'kinematics', 'limits'},
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
 }

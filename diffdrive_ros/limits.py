@@ -1,0 +1,185 @@
+"""
+The limits of one axis of the body: from the speed asked for to the speed of this period.
+
+The parameters and the rules are diff_drive_controller's, which has them from control_toolbox's
+RateLimiter; step() says where this differs. Units are m and s for the linear axis, rad and s
+for the angular one; forward is the positive direction. What is not limited has an infinite limit.
+"""
+from dataclasses import dataclass, fields
+import math
+from numbers import Real
+import sys
+from typing import NamedTuple
+
+# What switches a family of limits off by being nan, and what is without effect then.
+_FAMILIES = {
+    'max_velocity': ('min_velocity',),
+    'max_acceleration': (
+        'max_deceleration', 'max_acceleration_reverse', 'max_deceleration_reverse'),
+    'max_jerk': ('min_jerk',),
+}
+_NOT_POSITIVE = 'min_velocity', 'max_deceleration', 'max_acceleration_reverse', 'min_jerk'
+
+
+class _Rates(NamedTuple):
+    """How fast motion in one direction may speed up and slow down [1/s^2], without signs."""
+
+    speeding_up: float
+    slowing_down: float
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """
+    Limits of the velocity, the acceleration and the jerk along one axis; nan is one not set.
+
+    A maximum that is nan switches its family off: max_velocity the velocities, max_acceleration
+    all that accelerate and decelerate, max_jerk the jerks. Where the maximum is set,
+
+    - min_velocity, max_acceleration_reverse and min_jerk are minus the maximum unless set;
+    - max_deceleration, of forward motion, is max_acceleration_reverse unless set;
+    - max_deceleration_reverse, of reverse motion, is max_acceleration unless set.
+
+    0.0 is a limit: with a max_acceleration of 0.0 the robot never starts. An infinite limit is
+    none. Raises ValueError unless min_velocity, max_deceleration, max_acceleration_reverse and
+    min_jerk are zero or less, and the others zero or more.
+    """
+
+    max_velocity: float = math.nan
+    min_velocity: float = math.nan
+    max_acceleration: float = math.nan
+    max_deceleration: float = math.nan
+    max_acceleration_reverse: float = math.nan
+    max_deceleration_reverse: float = math.nan
+    max_jerk: float = math.nan
+    min_jerk: float = math.nan
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value, sign, side = getattr(self, name), 1.0, 'more'
+            if name in _NOT_POSITIVE:
+                sign, side = -1.0, 'less'
+            number = _number(value)
+            if number is None or sign * number < 0.0:
+                raise ValueError(f'{name} = {value!r}: must be zero or {side}, or nan (not set)')
+            object.__setattr__(self, name, number)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Which limits are set, but do nothing because their maximum is not set."""
+        return tuple(
+            name for maximum, others in _FAMILIES.items() if math.isnan(getattr(self, maximum))
+            for name in others if not math.isnan(getattr(self, name)))
+
+    def step(self, target: float, last: float, before_last: float, dt: float) -> float:
+        """
+        Return the speed to apply now; last and before_last were one and two periods of dt ago.
+
+        First the jerk is limited, where it points towards the target; then the acceleration,
+        forward or reverse by the sign of last; then the velocity. Unlike diff_drive_controller's
+
+        - a target of zero, or one that the velocity limits make zero, is a stop: jerk limits do
+          not count, nor does a deceleration limit of 0.0, with which no robot would ever stop;
+        - a speed beyond the velocity limits, because they were lowered, comes back by the
+          deceleration limit and not in a jump, unless that limit is 0.0; jerk limits do not count;
+        - a period in which the direction changes decelerates to zero, and has what is left of
+          its time for acceleration in the new direction, each by its own limit;
+        - the momentum that jerk limits preserve never carries the speed past zero, away from the
+          target.
+
+        So the speed never passes the target, and goes to zero without ever turning back. While no
+        time passes, with a dt of zero or less, it stays at last. Raises ValueError for anything
+        not finite.
+        """
+        target, last = _finite('target', target), _finite('last', last)
+        before_last, dt = _finite('before_last', before_last), _finite('dt', dt)
+        if dt <= 0.0:
+            return last
+        low, high = self._velocities
+        target = min(max(target, low), high)
+        forward, reverse = self._rates
+        if target and low <= last <= high:
+            now = self._ramp(self._smooth(target, last, before_last, dt), last, dt)
+        elif (forward if last > 0.0 else reverse).slowing_down:
+            now = self._ramp(target, last, dt)
+        else:
+            now = min(max(last, low), high) if target else 0.0
+        return now + 0.0  # a zero without a sign
+
+    @property
+    def _velocities(self) -> tuple[float, float]:
+        """Lowest and highest velocity, both finite, so that what is applied is too."""
+        fastest = sys.float_info.max
+        high = _set_or(self.max_velocity, fastest)
+        low = -high if math.isnan(self.max_velocity) else _set_or(self.min_velocity, -high)
+        return max(low, -fastest), min(high, fastest)
+
+    @property
+    def _rates(self) -> tuple[_Rates, _Rates]:
+        """Rates of forward and of reverse motion."""
+        ahead = self.max_acceleration
+        if math.isnan(ahead):
+            return _Rates(math.inf, math.inf), _Rates(math.inf, math.inf)
+        back = _set_or(self.max_acceleration_reverse, -ahead)
+        return (_Rates(ahead, -_set_or(self.max_deceleration, back)),
+                _Rates(-back, _set_or(self.max_deceleration_reverse, ahead)))
+
+    @property
+    def _jerks(self) -> tuple[float, float]:
+        """Lowest and highest jerk."""
+        high = self.max_jerk
+        if math.isnan(high):
+            return -math.inf, math.inf
+        return _set_or(self.min_jerk, -high), high
+
+    def _smooth(self, target: float, last: float, before_last: float, dt: float) -> float:
+        """Return the speed closest to a target, not zero, that the jerk limits allow."""
+        lowest, highest = (jerk * dt * dt for jerk in self._jerks)
+        low, high = self._velocities
+        as_before = last + (last - before_last)
+        # The target stands first: it is what is left where infinities have cancelled to nan.
+        if target > last:
+            target = min(target, as_before + highest)
+            low = 0.0 if last >= 0.0 else low
+        elif target < last:
+            target = max(target, as_before + lowest)
+            high = 0.0 if last <= 0.0 else high
+        return min(max(target, low), high)
+
+    def _ramp(self, target: float, last: float, dt: float) -> float:
+        """Return the speed closest to a target that the limits of acceleration allow."""
+        forward, reverse = self._rates
+        if last < 0.0 or (last == 0.0 and target < 0.0):
+            return -_ramp_forward(-target, -last, dt, reverse, forward)
+        return _ramp_forward(target, last, dt, forward, reverse)
+
+
+def _ramp_forward(target: float, last: float, dt: float, here: _Rates, there: _Rates) -> float:
+    """Return the next speed of motion in one direction, given that and the other's rates."""
+    if target >= last:
+        return min(target, last + here.speeding_up * dt)
+    slowed = last - here.slowing_down * dt
+    if slowed >= 0.0:
+        return max(target, slowed)
+    left = max(dt - last / here.slowing_down, 0.0)  # of the period, once the speed is zero
+    return max(target, -there.speeding_up * left)
+
+
+def _set_or(value: float, default: float) -> float:
+    return default if math.isnan(value) else value
+
+
+def _finite(name: str, value: float) -> float:
+    """Return a number as a finite float, or raise ValueError."""
+    number = _number(value)
+    if number is None or not math.isfinite(number):
+        raise ValueError(f'{name} = {value!r}: must be finite')
+    return number
+
+
+def _number(value: object) -> float | None:
+    """Return a number as a float, and None for what is none or too large for one."""
+    try:
+        return float(value) if isinstance(value, Real) else None
+    except OverflowError:
+        return None
