@@ -18,10 +18,12 @@ lint:  ## ruff, mypy, ament_flake8, ament_pep257
 test colcon: export ROS_PYTHON_CHECK_FIELDS = 1
 
 test: lint  ## lint, then pytest: make test ARGS='-k odometry'
+	@.ci/environment test .ci/tf2_msgs
 	@printf '\n== pytest\n'
 	@.ci/environment test python -m pytest $(ARGS)
 
 colcon:  ## build and test as a ROS workspace does
+	@.ci/environment colcon .ci/tf2_msgs
 	@.ci/environment colcon .ci/colcon
 
 clean:  ## remove all that was made, the virtual environments too
