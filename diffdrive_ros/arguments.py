@@ -54,6 +54,8 @@ def not_negative(name: str, value: float) -> float:
 def _number(value: object) -> float:
     """Return a number as a float, and nan for what is none or too large for one."""
     try:
-        return float(value) if isinstance(value, Real) else math.nan
+        if isinstance(value, Real) and not isinstance(value, bool):
+            return float(value)
+        return math.nan
     except OverflowError:
         return math.nan

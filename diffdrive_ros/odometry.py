@@ -44,10 +44,12 @@ def integrate_speeds(
 
     Each pair of speeds is held for dt [s], one for all or of shape (N,). Otherwise as integrate.
     """
-    dt = finite('dt', dt)
-    angles = (np.cumsum(finite(name, speeds) * dt) for name, speeds in (
-        ('left', left), ('right', right)))
-    left, right = (np.concatenate([[0.0], angle]) for angle in angles)
+    left, right, dt = finite('left', left), finite('right', right), finite('dt', dt)
+    for name, speeds in (('left', left), ('right', right)):
+        if speeds.ndim != 1 or dt.shape not in ((), speeds.shape):
+            raise ValueError(
+                f'{name} has shape {speeds.shape}, dt {dt.shape}: must be (N,), and () or (N,)')
+    left, right = (np.concatenate([[0.0], np.cumsum(speeds * dt)]) for speeds in (left, right))
     return integrate(drive, left, right, start)
 
 
@@ -82,6 +84,21 @@ def _pose(name: str, value: npt.ArrayLike) -> Array:
     return pose
 
 
+def _covariance(name: str, value: npt.ArrayLike) -> Array:
+    """Return a covariance of a pose, (3, 3), or raise ValueError for what is none."""
+    matrix = finite(name, value)
+    if matrix.shape != (3, 3):
+        raise ValueError(f'{name} has shape {matrix.shape}: must be (3, 3)')
+    deviations = np.sqrt(np.abs(np.diag(matrix)))
+    deviations[deviations == 0.0] = 1.0
+    correlation = matrix / deviations[:, np.newaxis] / deviations  # free of units
+    if np.abs(correlation - correlation.T).max() > 1e-9:
+        raise ValueError(f'{name} = {matrix.tolist()}: must be symmetric')
+    if np.linalg.eigvalsh(correlation).min() < -1e-9:
+        raise ValueError(f'{name} = {matrix.tolist()}: must be positive semidefinite')
+    return matrix
+
+
 def _track(start: Array, length: Array, heading: Array, theta: Array) -> Array:
     poses = np.empty((theta.size, 3))
     poses[:, 0] = np.cumsum(np.concatenate([start[:1], length * np.cos(heading)]))
@@ -110,9 +127,34 @@ class WheelNoise:
             not_negative(field.name, getattr(self, field.name))
 
 
+@dataclass(frozen=True)
+class GeometryUncertainty:
+    """
+    How well the geometry is known: the standard deviation of each measure of DiffDrive, in m.
+
+    An error of the geometry is the same all the way. Unlike noise it never averages out: the
+    uncertainty that it brings grows with the path, not with its root. The three errors are
+    independent of each other. Zero, the default, takes the geometry for exact. Raises ValueError
+    for a value that is negative or not finite.
+    """
+
+    wheel_separation: float = 0.0
+    left_wheel_radius: float = 0.0
+    right_wheel_radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            not_negative(field.name, getattr(self, field.name))
+
+
 # Variances below these serve nobody and break filters that invert them.
 LEAST_POSE_VARIANCE = 1e-9  # [m^2], [rad^2]
 LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
+
+Column = tuple[float, float, float]
+"""A derivative of the pose [x, y, theta] in the odom frame."""
+Triangle = tuple[float, float, float, float, float, float]
+"""The upper triangle of a pose's covariance in the odom frame: xx, xy, xt, yy, yt, tt."""
 
 
 class Odometry:
@@ -120,28 +162,46 @@ class Odometry:
     The pose of a robot, kept up to date with each sample of its wheel angles.
 
     window is the number of sample intervals over which the twist is measured, as displacement
-    over time. Raises ValueError for a window below 1.
+    over time. drive and noise may be set anew at any time and hold from the next sample on;
+    geometry_uncertainty holds for the whole path since the last reset, as one error of the
+    geometry does, also where drive was set anew. Raises ValueError for a window below 1.
     """
 
     def __init__(
         self, drive: DiffDrive, *, window: int = 10, noise: WheelNoise | None = None,
-        start: npt.ArrayLike = ORIGIN,
+        geometry_uncertainty: GeometryUncertainty | None = None, start: npt.ArrayLike = ORIGIN,
     ) -> None:
         if window < 1:
             raise ValueError(f'window = {window!r}: must be 1 or more')
         self.drive = drive
         self.noise = noise or WheelNoise()
-        # Stamp and wheel angles, and the sums of the noise until then: along, cross, turning.
+        self.geometry_uncertainty = geometry_uncertainty or GeometryUncertainty()
+        # Stamp, wheel angles, and the sums until then of the variances that _drive_arc returns.
         self._samples: deque[tuple[int, float, float, float, float, float]] = deque(
             maxlen=window + 1)
         self.reset(_pose('start', start))
 
-    def reset(self, pose: npt.ArrayLike = ORIGIN) -> None:
-        """Set the pose, and its covariance to the least; the wheels' last sample stays."""
-        self._x, self._y, self._theta = _pose('pose', pose).tolist()
-        # The upper triangle of the covariance, in the odom frame: xx, xy, xt, yy, yt, tt.
-        least = LEAST_POSE_VARIANCE
-        self._covariance = (least, 0.0, 0.0, least, 0.0, least)
+    def reset(self, pose: npt.ArrayLike = ORIGIN, covariance: npt.ArrayLike | None = None) -> None:
+        """
+        Set the pose, (3,), and its covariance, (3, 3); the wheels' last sample stays.
+
+        Without a covariance, and in any direction where it is less, it is the least. The pose is
+        taken to come from elsewhere, so that its error is independent of the geometry's, whose
+        effect counts anew from here. Raises ValueError, and changes nothing, for a pose that is
+        none and for a covariance that is not finite, symmetric and positive semidefinite.
+        """
+        pose = _pose('pose', pose)
+        spread = np.zeros((3, 3)) if covariance is None else _covariance('covariance', covariance)
+        lacking = LEAST_POSE_VARIANCE - np.linalg.eigvalsh(spread).min()
+        spread = spread + max(lacking, 0.0) * np.eye(3)
+        self._x, self._y, self._theta = pose.tolist()
+        # What the noise did to the pose: the upper triangle of its covariance in the odom frame.
+        (xx, xy, xt), (_, yy, yt), (_, _, tt) = spread.tolist()
+        self._noise_covariance = xx, xy, xt, yy, yt, tt
+        # What an error of the geometry does to it: derivatives, the columns of the sensitivity.
+        self._by_separation: Column = ORIGIN
+        self._by_left_radius: Column = ORIGIN
+        self._by_right_radius: Column = ORIGIN
 
     def update(self, left: float, right: float, stamp_ns: int) -> bool:
         """
@@ -149,23 +209,28 @@ class Odometry:
 
         The first sample is the baseline: the pose stays. A sample that is not newer than the
         last is passed over, and the next one carries its motion. Raises ValueError for angles
-        that are not finite, or so far from the last that the pose would not be; nothing has
-        changed then.
+        that are not finite, or so far from the last that the pose or its covariance would not
+        be; nothing has changed then.
         """
         if not (math.isfinite(left) and math.isfinite(right)):
             raise ValueError(f'left, right = {left!r}, {right!r}: must be finite')
         if not self._samples:
             self._samples.append((stamp_ns, left, right, 0.0, 0.0, 0.0))
             return True
-        last_ns, last_left, last_right, along, cross, turning = self._samples[-1]
+        last_ns, last_left, last_right, of_left, of_right, of_turn = self._samples[-1]
         if stamp_ns <= last_ns:
             return False
-        noise = self._drive_arc(
-            self.drive.left_wheel_radius * (left - last_left),
-            self.drive.right_wheel_radius * (right - last_right))
+        var_left, var_right, var_turn = self._drive_arc(left - last_left, right - last_right)
         self._samples.append((
-            stamp_ns, left, right, along + noise[0], cross + noise[1], turning + noise[2]))
+            stamp_ns, left, right, of_left + var_left, of_right + var_right, of_turn + var_turn))
         return True
+
+    def restart(self, stamp_ns: int) -> None:
+        """Take the last sample to be of a stamp [ns] in a time that started again."""
+        if self._samples:
+            _, left, right, of_left, of_right, of_turn = self._samples[-1]
+            self._samples.clear()
+            self._samples.append((stamp_ns, left, right, of_left, of_right, of_turn))
 
     @property
     def pose(self) -> Array:
@@ -176,29 +241,63 @@ class Odometry:
     def twist(self) -> Array:
         """Return the mean body twist [v_x, 0, omega] of the window, (3,); exactly zero at rest."""
         left, right, _, _, _, seconds = self._window()
-        linear, angular = self.drive.body_twist(left / seconds, right / seconds)
-        return np.array([linear, 0.0, angular])
+        linear, angular = self._distance_and_turn(left, right)
+        return np.array([linear / seconds, 0.0, angular / seconds])
 
     @property
     def pose_covariance(self) -> Array:
-        """Return the covariance of the pose in the odom frame, (3, 3), order x, y, theta."""
-        xx, xy, xt, yy, yt, tt = self._covariance
+        """
+        Return the covariance of the pose in the odom frame, (3, 3), order x, y, theta.
+
+        That of the noise, and S diag(deviations^2) S^T of the geometry, S its sensitivity.
+        """
+        known, covariance = self.geometry_uncertainty, self._noise_covariance
+        for deviation, column in (
+                (known.wheel_separation, self._by_separation),
+                (known.left_wheel_radius, self._by_left_radius),
+                (known.right_wheel_radius, self._by_right_radius)):
+            covariance = _spread(covariance, deviation * deviation, column)
+        xx, xy, xt, yy, yt, tt = covariance
         return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+
+    @property
+    def geometry_sensitivity(self) -> Array:
+        """
+        Return the derivative of the pose by the geometry since the last reset, (3, 3).
+
+        One row each for x, y, theta; one column each for wheel_separation, left_wheel_radius and
+        right_wheel_radius [m].
+        """
+        return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
 
     @property
     def twist_covariance(self) -> Array:
         """
         Return the covariance of the twist, (3, 3), order v_x, v_y, omega, never below a floor.
 
-        From the noise of the travel in the window; sideways slip is taken to be as large as
-        slip along, since wheels that lose their grip lose it in both directions.
+        From the noise of the travel in the window and the uncertain geometry; sideways slip is
+        taken to be as large as slip along, since wheels that lose their grip lose it in both
+        directions.
         """
-        _, _, along, cross, turning, seconds = self._window()
-        covariance = np.array([[along, 0.0, cross], [0.0, along, 0.0], [cross, 0.0, turning]])
-        return covariance / seconds**2 + LEAST_TWIST_VARIANCE * np.eye(3)
+        left, right, var_left, var_right, var_turn, seconds = self._window()
+        known, separation = self.geometry_uncertainty, self.drive.wheel_separation
+        _, turn = self._distance_and_turn(left, right)
+        sideways = 0.25 * (var_left + var_right)
+        # A wrong radius is wrong travel; a wrong separation makes wrong turns.
+        var_left += (known.left_wheel_radius * left)**2
+        var_right += (known.right_wheel_radius * right)**2
+        var_turn += (known.wheel_separation * turn / separation)**2
+        along = 0.25 * (var_left + var_right)
+        cross = 0.5 * (var_right - var_left) / separation
+        turning = (var_left + var_right) / separation**2 + var_turn
+        rate, least = 1.0 / seconds**2, LEAST_TWIST_VARIANCE
+        return np.array([
+            [rate * along + least, 0.0, rate * cross],
+            [0.0, rate * sideways + least, 0.0],
+            [rate * cross, 0.0, rate * turning + least]])
 
     def _window(self) -> tuple[float, ...]:
-        """Return what the window added to the wheels' angles and the noise, and its length [s]."""
+        """Return what the window added to each wheel's angle and variance, and its length [s]."""
         if len(self._samples) < 2:
             return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
         first_ns, *first = self._samples[0]
@@ -206,61 +305,80 @@ class Odometry:
         added = (new - old for new, old in zip(last, first, strict=True))
         return *added, (last_ns - first_ns) * 1e-9
 
+    def _distance_and_turn(self, left: float, right: float) -> tuple[float, float]:
+        """Return drive.body_twist of two plain floats, which is faster without its checks."""
+        left_rim = self.drive.left_wheel_radius * left
+        right_rim = self.drive.right_wheel_radius * right
+        return 0.5 * (right_rim + left_rim), (right_rim - left_rim) / self.drive.wheel_separation
+
     def _drive_arc(self, left: float, right: float) -> tuple[float, float, float]:
-        """Move along the arc of the wheels' travel [m], with its noise, and return that."""
-        distance, turn = 0.5 * (right + left), (right - left) / self.drive.wheel_separation
+        """
+        Move along the arc of the wheels' increments [rad], and propagate the uncertainty.
+
+        Returns the variances of the left and right travel [m^2] and of the turn [rad^2].
+        """
+        drive, noise, separation = self.drive, self.noise, self.drive.wheel_separation
+        left_travel = drive.left_wheel_radius * left
+        right_travel = drive.right_wheel_radius * right
+        distance = 0.5 * (right_travel + left_travel)
+        turn = (right_travel - left_travel) / separation
         if not math.isfinite(distance * distance + turn * turn):
-            raise ValueError(f'travel = {left!r}, {right!r} m in one step: must be finite')
+            raise ValueError(
+                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be finite')
         half_turn = 0.5 * turn
         shrink = math.sin(half_turn) / half_turn if half_turn else 1.0
         cos, sin = math.cos(self._theta + half_turn), math.sin(self._theta + half_turn)
         dx, dy = distance * shrink * cos, distance * shrink * sin
-        bend = _shrink_rate(half_turn)
-        noise = self._noise_of(left, right)
-        self._spread(
-            dx, dy,
-            along=(shrink * cos, shrink * sin),
-            turning=(
-                0.5 * distance * (bend * cos - shrink * sin),
-                0.5 * distance * (bend * sin + shrink * cos)),
-            noise=noise)
+        # The derivatives of the new pose by the turn and by the travel of each wheel.
+        bend = 0.5 * distance * _shrink_rate(half_turn)
+        by_turn = tx, ty, _ = bend * cos - 0.5 * dy, bend * sin + 0.5 * dx, 1.0
+        along_x, along_y, rate = 0.5 * shrink * cos, 0.5 * shrink * sin, 1.0 / separation
+        by_left = along_x - rate * tx, along_y - rate * ty, -rate
+        by_right = along_x + rate * tx, along_y + rate * ty, rate
+        # The noise, P <- F P F^T + var_i u_i u_i^T, with the u_i being these derivatives.
+        var_left = noise.left_travel * abs(left_travel)
+        var_right = noise.right_travel * abs(right_travel)
+        var_turn = noise.turn * abs(turn)
+        covariance = _moved(self._noise_covariance, dx, dy)
+        covariance = _spread(covariance, var_left, by_left)
+        covariance = _spread(covariance, var_right, by_right)
+        covariance = _spread(covariance, var_turn, by_turn)
+        if not math.isfinite(covariance[0] + covariance[3] + covariance[5]):
+            raise ValueError(
+                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
+                'a finite covariance')
+        self._noise_covariance = covariance
+        # The geometry, S <- F S + the step's own share: of a turn for the separation, of the
+        # travel for the radii.
+        self._by_separation = _carried(self._by_separation, dx, dy, -rate * turn, by_turn)
+        self._by_left_radius = _carried(self._by_left_radius, dx, dy, left, by_left)
+        self._by_right_radius = _carried(self._by_right_radius, dx, dy, right, by_right)
         self._x += dx
         self._y += dy
         self._theta += turn
-        return noise
+        return var_left, var_right, var_turn
 
-    def _spread(
-        self, dx: float, dy: float, along: tuple[float, float], turning: tuple[float, float],
-        noise: tuple[float, float, float],
-    ) -> None:
-        """
-        Propagate the covariance, P <- F P F^T + G Q G^T, by the exact Jacobians of the arc.
 
-        F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that of the pose; the columns of G are the
-        change of the pose with the distance, (along, 0), and with the turn, (turning, 1).
-        """
-        xx, xy, xt, yy, yt, tt = self._covariance
-        (ax, ay), (tx, ty), (q_along, q_cross, q_turning) = along, turning, noise
-        gx, gy = q_along * ax + q_cross * tx, q_along * ay + q_cross * ty
-        hx, hy = q_cross * ax + q_turning * tx, q_cross * ay + q_turning * ty
-        self._covariance = (
-            xx - 2.0 * dy * xt + dy * dy * tt + gx * ax + hx * tx,
-            xy + dx * xt - dy * yt - dx * dy * tt + gx * ay + hx * ty,
-            xt - dy * tt + hx,
-            yy + 2.0 * dx * yt + dx * dx * tt + gy * ay + hy * ty,
-            yt + dx * tt + hy,
-            tt + q_turning)
+def _moved(covariance: Triangle, dx: float, dy: float) -> Triangle:
+    """Return F P F^T: what a move makes of P, F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]]."""
+    xx, xy, xt, yy, yt, tt = covariance
+    return (
+        xx - 2.0 * dy * xt + dy * dy * tt, xy + dx * xt - dy * yt - dx * dy * tt, xt - dy * tt,
+        yy + 2.0 * dx * yt + dx * dx * tt, yt + dx * tt, tt)
 
-    def _noise_of(self, left: float, right: float) -> tuple[float, float, float]:
-        """Return the variance of distance, its covariance with turn, and the variance of turn."""
-        separation = self.drive.wheel_separation
-        var_left = self.noise.left_travel * abs(left)
-        var_right = self.noise.right_travel * abs(right)
-        var_turn = self.noise.turn * abs(right - left) / separation
-        return (
-            0.25 * (var_left + var_right),
-            0.5 * (var_right - var_left) / separation,
-            (var_left + var_right) / (separation * separation) + var_turn)
+
+def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:
+    """Return P + variance u u^T: what an error of this variance adds to P, u its derivative."""
+    xx, xy, xt, yy, yt, tt = covariance
+    x, y, theta = by
+    vx, vy, vt = variance * x, variance * y, variance * theta
+    return xx + vx * x, xy + vx * y, xt + vx * theta, yy + vy * y, yt + vy * theta, tt + vt * theta
+
+
+def _carried(column: Column, dx: float, dy: float, size: float, by: Column) -> Column:
+    """Return F s + size u: what a move makes of a derivative s, and adds to it."""
+    (x, y, theta), (u_x, u_y, u_theta) = column, by
+    return x - dy * theta + size * u_x, y + dx * theta + size * u_y, theta + size * u_theta
 
 
 def _shrink_rate(half_turn: float) -> float:

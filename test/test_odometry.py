@@ -5,7 +5,13 @@ import re
 
 from diffdrive_ros import se2
 from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.odometry import integrate, integrate_euler, Odometry, WheelNoise
+from diffdrive_ros.odometry import (
+    integrate,
+    integrate_euler,
+    integrate_speeds,
+    Odometry,
+    WheelNoise,
+)
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -141,6 +147,47 @@ def test_far_from_the_origin_the_slightest_turn_drives_straight(excess):
 
 def test_headings_are_not_wrapped():
     assert integrate(ROBOT, *on_a_circle(ROBOT, 20.0, 7))[-1, 2] == pytest.approx(20.0)
+
+
+@given(drives, wheel_steps, st.floats(0.01, 0.5), poses)
+def test_a_history_of_speeds_is_a_log_of_the_angles_they_drive(drive, speeds, dt, start):
+    left, right = np.transpose(speeds)
+    path = integrate_speeds(drive, left, right, dt, start)
+    assert path.shape == (len(speeds) + 1, 3)
+    same(path, integrate(drive, *angles_of(dt * np.array(speeds)), start))
+    same(integrate_speeds(drive, left, right, [dt] * len(speeds), start), path)
+
+
+def test_each_pair_of_speeds_is_held_for_a_time_of_its_own():
+    left, right = np.transpose([wheels_for(ROBOT, 0.5, 0.0), wheels_for(ROBOT, 1.0, 1.0)])
+    path = integrate_speeds(ROBOT, left, right, [4.0, math.pi / 2.0])
+    same(path, [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 1.0, math.pi / 2.0]])
+
+
+def test_a_history_of_no_speeds_stays_at_its_start():
+    assert integrate_speeds(ROBOT, [], [], 0.1, [1.0, 2.0, 3.0]).tolist() == [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize(('left', 'right', 'dt'), [
+    ([1.0, 2.0], [1.0], 0.1),
+    ([1.0, 2.0], [1.0, 2.0], [0.1, 0.1, 0.1]),
+    ([1.0, 2.0], [1.0, 2.0], [[0.1], [0.1]]),
+    ([[1.0, 2.0]], [[1.0, 2.0]], 0.1),
+    ([1.0], [1.0], [0.1, 0.1]),
+    (1.0, 1.0, 0.1),
+])
+def test_speeds_and_times_that_do_not_fit_together_are_refused(left, right, dt):
+    with pytest.raises(ValueError, match=r'has shape .*: must be'):
+        integrate_speeds(ROBOT, left, right, dt)
+
+
+@pytest.mark.parametrize('position', range(3))
+def test_speeds_and_times_that_are_not_finite_are_named(position):
+    arguments = [[1.0, 2.0], [1.0, 2.0], [0.1, 0.1]]
+    arguments[position][1] = math.nan
+    name = ('left', 'right', 'dt')[position]
+    with pytest.raises(ValueError, match=rf'^{name}\[1\] = nan: must be finite$'):
+        integrate_speeds(ROBOT, *arguments)
 
 
 def test_euler_leaves_along_the_old_heading():
