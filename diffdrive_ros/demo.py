@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 from diffdrive_ros import plots, se2
 from diffdrive_ros.arguments import Array
 from diffdrive_ros.driver_node import DriverNode
+from diffdrive_ros.spinning import STOP_SIGNALS
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -74,13 +75,17 @@ class Robot:
                 raise DemoError(f'{name} ended with {process.returncode}\n{said}'.strip())
 
     def stop(self) -> None:
-        """End the processes that still run, the odometry first: it stops the wheels."""
-        for process in reversed(list(self._processes.values())):
+        """End the processes that still run; nothing interrupts that."""
+        for each in STOP_SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        for process in self._processes.values():
             process.send_signal(signal.SIGINT)
+        for process in self._processes.values():
             try:
                 process.wait(timeout=2.0)
             except subprocess.TimeoutExpired:
                 process.kill()
+                process.wait()
         self._said.close()
 
     def _start(self, module: str, *settings: str) -> 'subprocess.Popen[bytes]':
@@ -134,6 +139,7 @@ class Drive:
         with suppress(KeyboardInterrupt):
             while True:
                 self._listen(1.0)
+                self._driver.forget()
 
     def _listen(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
@@ -233,17 +239,21 @@ def running_robot() -> Iterator[Robot]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the demo as a process."""
     parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n\n')[0])
-    parser.add_argument('--path', choices=sorted(PATHS), default='square')
     parser.add_argument(
-        '--output', type=Path, default=Path('demo.png'), help='picture of the tracks')
+        '--path', choices=sorted(PATHS), default='square', help='default: square')
+    parser.add_argument(
+        '--output', type=Path, default=Path('demo.png'),
+        help='picture of the tracks, default: demo.png')
     parser.add_argument(
         '--keep-running', action='store_true', help='leave robot and odometry up afterwards')
     options = parser.parse_args(arguments)
     for extra in ('rich', 'matplotlib'):
         if importlib.util.find_spec(extra) is None:
-            sys.exit(f"demo: {extra} is not installed: pip install 'diffdrive_ros[demo]', or "
-                     f'apt install python3-{extra}')
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            sys.exit(f'demo: {extra} is not installed: pip install {extra}, or apt install '
+                     f'python3-{extra}')
+    if not options.output.resolve().parent.is_dir():
+        parser.error(f'--output {options.output}: its folder does not exist')
+    for each in STOP_SIGNALS:
         signal.signal(each, signal.default_int_handler)
     try:
         run(options.path, options.output, options.keep_running)

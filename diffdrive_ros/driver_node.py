@@ -52,6 +52,11 @@ class DriverNode(Node):
         twist.linear.x, twist.angular.z = linear, angular
         self._commands.publish(twist)
 
+    def forget(self) -> None:
+        """Forget the poses until now."""
+        self.odometry.clear()
+        self.truth.clear()
+
     def tracks(self) -> tuple[Array, Array, Array]:
         """Return the moments known to both [s], (N,), and their poses by odometry and truth."""
         stamps = sorted(self.odometry.keys() & self.truth.keys())

@@ -219,6 +219,8 @@ class WheelFeedback:
         if not wheel.is_known:
             return _Turn(wheel, 0.0, 0.0)
         if elapsed_ns > VELOCITY_HOLDS_NS:
+            self.complaint = (f'{wheel.name} had no velocity for {elapsed_ns * 1e-9:g} s: what it '
+                              'did meanwhile is lost')
             return _Turn(wheel, 0.0, 0.0, 'gaps')
         return _Turn(wheel, 0.0, speed * elapsed_ns * 1e-9)
 

@@ -8,12 +8,14 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diffdrive_ros import parameters, spinning
 from diffdrive_ros.command import CommandPath, STOP
+from diffdrive_ros.config import Config, say_unknown_names, SPECS
 from diffdrive_ros.feedback import WheelFeedback
+from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odometry import Odometry
-from diffdrive_ros.parameters import Config
-from diffdrive_ros.se2 import wrap_angle
+from diffdrive_ros.odometry_message import OdometryWriter, read_pose
+from diffdrive_ros.transforms import TransformSender
 from diffdrive_ros.wheel_commands import NEWEST_ONLY, of_each, SENDERS
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -21,18 +23,20 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
-
-SPECS = parameters.GEOMETRY + parameters.ODOMETRY
+from std_srvs.srv import SetBool, Trigger
 
 # Best effort hears every publisher; the depth bridges a pause of this process.
 FROM_ANY_DRIVER = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# The variance of what wheels do not measure: large, yet such that filters can still invert it.
-UNKNOWN = 1e6
+LONGEST_WITHOUT_CLOCK = 1.0  # [s] until a /clock that stands still is a timeout
+LONGEST_LAST_WORD = 0.5  # [s] that the node waits for drivers to acknowledge its last zero
+LONGEST_PAUSE = 0.25  # [s] without the timer: the process was held up, or is flooded
+DISTRUST = 0.25  # [s] after a pause in which commands may be older than it
 
-# Where x, y and yaw stand in the six rows and columns of a message's covariance.
-PLANAR = (0, 1, 5)
-NOT_PLANAR = (2, 3, 4)
+DISABLED = 'disabled by ~/enable'
+NO_FEEDBACK = 'joint_states are silent'
+NO_CLOCK = '/clock stands still'
+PAUSED = 'this process is behind'
 
 
 class OdometryNode(Node):
@@ -48,38 +52,67 @@ class OdometryNode(Node):
         try:
             values = parameters.declare(self, SPECS)
             is_example = parameters.is_example_robot(self, parameter_file)
-            config = Config.of(values)
+            config = self._config = self._config_of(values)
         except ValueError as error:
             raise spinning.StartError(
                 f'{self.get_fully_qualified_name()} cannot start: {error}') from None
-        self._config = config
         self._feedback = WheelFeedback(
             config.left_wheel_names, config.right_wheel_names,
-            config.position_feedback and not config.open_loop)
+            config.position_feedback and not config.open_loop, config.left_wheel_direction,
+            config.right_wheel_direction, config.encoder_wrap, config.max_plausible_wheel_speed)
         self._odometry = Odometry(
             config.drive, window=config.velocity_rolling_window_size, noise=config.noise)
         self._command = CommandPath(
-            config.drive, config.cmd_vel_timeout, config.max_wheel_speed)
-        parameters.follow_changes(self, SPECS, Config.of, self._apply)
+            config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
+            config.angular_limits, period=1.0 / config.command_rate)
+        parameters.follow_changes(self, SPECS, self._config_of, self._apply)
         self._sent = STOP
+        self._is_commanding = False
+        self._other_axes_said = False
         self._command_complaint = self._feedback_complaint = ''
-        self._message = _message(config)
-        self._create_interfaces(config)
+        self._clock_ns, self._clock_moved_at = -1, time.monotonic()
+        # Of the timer's work, of the timer itself, and until when commands may be old; monotonic.
+        self._ticked_at = self._timer_seen_at = math.inf
+        self._distrust_until = 0.0
+        self._odom_due_ns: int | None = None
+        self._create_publishers(config)
+        self._create_subscriptions(config)
+        self._create_services()
+        self._monitor = Monitor(self, config, self._feedback, self._command, is_example)
         self._say_what_runs(config, is_example)
 
     def stop_wheels(self) -> None:
         """Send zero to the wheels, if they were ever commanded, and wait until it was heard."""
-        if self._command.started:
+        if self._is_commanding:
             self._sender.send(0.0, 0.0, self._now())
+            deadline = time.monotonic() + LONGEST_LAST_WORD
             for publisher in self._sender.publishers:
-                publisher.wait_for_all_acked(Duration(seconds=0.5))
+                left = max(0.0, deadline - time.monotonic())
+                publisher.wait_for_all_acked(Duration(seconds=left))
 
-    def _create_interfaces(self, config: Config) -> None:
-        overrides = QoSOverridingOptions.with_default_policies()
-        self._publisher = self.create_publisher(
-            OdometryMessage, 'odom', QoSProfile(depth=10), qos_overriding_options=overrides)
+    def _create_publishers(self, config: Config) -> None:
+        self._odom_publisher = self.create_publisher(
+            OdometryMessage, 'odom', QoSProfile(depth=10),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self._writer = OdometryWriter(
+            config.odom_frame, config.base_frame, config.pose_variances, config.twist_variances)
+        self._transforms = None
+        if config.enable_odom_tf:
+            try:
+                self._transforms = TransformSender(self, config.odom_frame, config.base_frame)
+            except ImportError:
+                self.get_logger().info(
+                    'tf2_msgs is not installed: no transform is published; odom has the pose')
         self._sender = SENDERS[config.command_interface](
             self, config.left_wheel_names, config.right_wheel_names)
+        self._applied_publisher = None
+        if config.publish_limited_velocity:
+            self._applied_publisher = self.create_publisher(
+                TwistStamped, '~/cmd_vel_out', QoSProfile(depth=10))
+            self._applied_message = TwistStamped()
+            self._applied_message.header.frame_id = config.base_frame
+
+    def _create_subscriptions(self, config: Config) -> None:
         self._timer = self.create_timer(
             1.0 / config.command_rate, self._on_timer,
             clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -89,12 +122,19 @@ class OdometryNode(Node):
         else:
             self.create_subscription(Twist, 'cmd_vel', self._on_twist, NEWEST_ONLY)
         if not config.open_loop:
-            self._timer.cancel()  # until the first command
+            self._timer.cancel()  # until the first command: an idle node costs nothing
             self.create_subscription(
                 JointState, 'joint_states', self._on_joint_states, FROM_ANY_DRIVER,
-                qos_overriding_options=overrides)
+                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self.create_subscription(
+            PoseWithCovarianceStamped, '~/set_pose', self._on_set_pose, QoSProfile(depth=10))
+
+    def _create_services(self) -> None:
+        self.create_service(Trigger, '~/reset_odometry', self._on_reset)
+        self.create_service(SetBool, '~/enable', self._on_enable)
 
     def _say_what_runs(self, config: Config, is_example: bool) -> None:
+        say_unknown_names(self, parameters.given(self))
         drive = config.drive
         robot = (f'wheel_separation {drive.wheel_separation:g} m, wheel radii '
                  f'{drive.left_wheel_radius:g} and {drive.right_wheel_radius:g} m')
@@ -104,94 +144,213 @@ class OdometryNode(Node):
                 'wheel_separation and wheel_radius for yours')
         else:
             self.get_logger().info(robot)
+        fastest = ('any speed' if config.max_wheel_speed is None
+                   else f'at most {config.max_wheel_speed:g} rad/s')
+        self.get_logger().info(
+            f'{"TwistStamped" if config.enable_stamped_cmd_vel else "Twist"} on cmd_vel drives '
+            f'{", ".join(config.left_wheel_names)} | {", ".join(config.right_wheel_names)} by '
+            f'{config.command_interface}, {fastest}; wheels stop after '
+            f'{config.cmd_vel_timeout:g} s of silence')
         if not config.cmd_vel_timeout:
             self.get_logger().warning(
                 'cmd_vel_timeout = 0.0: when commands stop coming, the wheels turn on')
+        for axis, limits in (
+                ('linear.x', config.linear_limits), ('angular.z', config.angular_limits)):
+            if limits.without_effect:
+                self.get_logger().warning(
+                    f'{axis}: {", ".join(limits.without_effect)} have no effect without their '
+                    'maximum')
+
+    def _config_of(self, values: parameters.Values) -> Config:
+        return Config.of(values, self.get_namespace())
 
     def _apply(self, config: Config) -> None:
+        self._config = config
         self._odometry.drive = self._command.drive = config.drive
         self._command.timeout = config.cmd_vel_timeout
         self._command.max_wheel_speed = config.max_wheel_speed
+        self._command.linear_limits = config.linear_limits
+        self._command.angular_limits = config.angular_limits
 
     def _on_twist_stamped(self, message: Any) -> None:
         self._on_twist(message.twist)
 
     def _on_twist(self, twist: Any) -> None:
-        self._command.accept(twist.linear.x, twist.angular.z, time.monotonic_ns())
+        linear, angular = twist.linear, twist.angular
+        if not self._other_axes_said and (
+                linear.y or linear.z or angular.x or angular.y):
+            self._other_axes_said = True
+            self.get_logger().warning(
+                'cmd_vel asks for more than linear.x and angular.z: no wheel can do that, it is '
+                'ignored')
+        self._keep_time()
+        self._command.accept(linear.x, angular.z, self._command_ns())
+        self._start_commanding()
+
+    def _start_commanding(self) -> None:
+        self._is_commanding = True
         if self._timer.is_canceled():
             self._timer.reset()
+            self._ticked_at = self._timer_seen_at = time.monotonic()
+
+    def _keep_time(self) -> None:
+        """Do the timer's work if it is late, because messages come faster than they are read."""
+        now = time.monotonic()
+        if now - self._ticked_at > 2.0 * self._command.period:
+            self._distrust_if_late(now)
+            self._tick(now)
 
     def _on_timer(self) -> None:
+        now = time.monotonic()
+        self._distrust_if_late(now)
+        self._timer_seen_at = now
+        if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see _keep_time
+            self._tick(now)
+
+    def _distrust_if_late(self, now: float) -> None:
+        """Take no commands for a while if what waits for this process has waited for long."""
+        if now - self._timer_seen_at > max(LONGEST_PAUSE, 3.0 * self._command.period):
+            self._distrust_until = now + DISTRUST
+
+    def _command_ns(self) -> int:
+        """Return the time in which commands age [ns]: simulation time, or a steady clock's."""
+        if self._is_simulated:
+            return int(self.get_clock().now().nanoseconds)
+        return time.monotonic_ns()
+
+    @property
+    def _is_simulated(self) -> bool:
+        return bool(self.get_parameter('use_sim_time').value)
+
+    def _tick(self, now: float) -> None:
         """Send the wheels what holds now; without encoders, take it for what they did."""
-        stamp = self._now()
+        self._ticked_at = now
+        stamp, now_ns = self._now(), self._command_ns()
         if self._config.open_loop:
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
             speeds = of_each(joints, self._sent.left, self._sent.right)
-            self._on_wheels(joints, (), speeds, stamp)
-        self._sent = self._command.step(time.monotonic_ns())
-        if self._command.started:
+            self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
+        self._hold(PAUSED, now < self._distrust_until)
+        self._hold(NO_CLOCK, self._clock_stands_still(now_ns))
+        self._hold(NO_FEEDBACK, self._feedback_is_lost())
+        self._sent = self._command.step(now_ns)
+        if self._is_commanding:
             self._sender.send(self._sent.left, self._sent.right, stamp)
+            if self._applied_publisher:
+                self._applied_message.header.stamp = stamp
+                self._applied_message.twist.linear.x = self._sent.linear
+                self._applied_message.twist.angular.z = self._sent.angular
+                self._applied_publisher.publish(self._applied_message)
         if self._command.complaint != self._command_complaint:
             self._command_complaint = self._command.complaint
             if self._command_complaint:
                 self.get_logger().warning(
                     f'{self._command_complaint}; wheels stopped', throttle_duration_sec=1.0)
 
+    def _hold(self, reason: str, is_so: bool) -> None:
+        if is_so:
+            self._command.holds.add(reason)
+        else:
+            self._command.holds.discard(reason)
+
+    def _clock_stands_still(self, now_ns: int) -> bool:
+        """Return whether simulation time has not moved for long, on the steady clock."""
+        if not self._is_simulated:
+            return False
+        if now_ns != self._clock_ns:
+            self._clock_ns, self._clock_moved_at = now_ns, time.monotonic()
+        return time.monotonic() - self._clock_moved_at > LONGEST_WITHOUT_CLOCK
+
+    def _feedback_is_lost(self) -> bool:
+        longest = self._config.stop_on_feedback_loss
+        return bool(longest) and self._monitor.silence() > longest
+
     def _on_joint_states(self, joints: JointState) -> None:
+        self._keep_time()
         stamp = joints.header.stamp
         if not (stamp.sec or stamp.nanosec):
             self.get_logger().warning(
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
             stamp = self._now()
-        self._on_wheels(joints.name, joints.position, joints.velocity, stamp)
+        self._on_wheels(joints.name, joints.position, joints.velocity, _nanoseconds(stamp))
 
     def _on_wheels(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
-        stamp: Time,
+        stamp_ns: int, odom_ns: int | None = None,
     ) -> None:
-        sample = self._feedback.update(
-            names, positions, velocities, stamp.sec * 1_000_000_000 + stamp.nanosec)
+        """Take what the wheels did; odom_ns is the stamp of odom if it is not the sample's own."""
+        sample = self._feedback.update(names, positions, velocities, stamp_ns)
         if self._feedback.complaint != self._feedback_complaint:
             self._feedback_complaint = self._feedback.complaint
             if self._feedback_complaint:
                 self.get_logger().warning(
                     f'joint_states: {self._feedback_complaint}', throttle_duration_sec=1.0)
-        if sample and self._odometry.update(sample.left, sample.right, sample.stamp_ns):
-            self._publish_odometry(stamp)
+        if sample is None:
+            self._monitor.heard_in_vain(names)
+            return
+        self._monitor.sampled()
+        if sample.restarted_ns is not None:
+            self._odometry.restart(sample.restarted_ns)
+            self._odom_due_ns = None
+        if self._odometry.update(sample.left, sample.right, sample.stamp_ns):
+            self._publish_odometry(sample.stamp_ns if odom_ns is None else odom_ns)
 
-    def _publish_odometry(self, stamp: Time) -> None:
-        message, odometry = self._message, self._odometry
-        x, y, theta = odometry.pose.tolist()
-        half = 0.5 * float(wrap_angle(theta))
-        message.header.stamp = stamp
-        message.pose.pose.position.x = x
-        message.pose.pose.position.y = y
-        message.pose.pose.orientation.z = math.sin(half)
-        message.pose.pose.orientation.w = math.cos(half)
-        message.twist.twist.linear.x, _, message.twist.twist.angular.z = odometry.twist.tolist()
-        _fill_covariance(message.pose.covariance, odometry.pose_covariance.tolist())
-        _fill_covariance(message.twist.covariance, odometry.twist_covariance.tolist())
-        self._publisher.publish(message)
+    def _publish_odometry(self, stamp_ns: int) -> None:
+        if not self._is_due(stamp_ns):
+            return
+        odometry, message = self._odometry, self._writer.message
+        self._writer.fill(
+            stamp_ns, odometry.pose, odometry.twist, odometry.pose_covariance,
+            odometry.twist_covariance)
+        self._odom_publisher.publish(message)
+        if self._transforms:
+            pose = message.pose.pose
+            self._transforms.send(
+                message.header.stamp, pose.position.x, pose.position.y, pose.orientation)
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        """Return whether odom is to be published for a stamp, at publish_rate."""
+        if not self._config.publish_rate:
+            return True
+        period_ns = round(1e9 / self._config.publish_rate)
+        if self._odom_due_ns is None or stamp_ns >= self._odom_due_ns + period_ns:
+            self._odom_due_ns = stamp_ns
+        if stamp_ns < self._odom_due_ns:
+            return False
+        self._odom_due_ns += period_ns
+        return True
+
+    def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
+        try:
+            if message.header.frame_id != self._config.odom_frame:
+                raise ValueError(
+                    f'frame_id = {message.header.frame_id!r}: must be '
+                    f'{self._config.odom_frame!r}')
+            self._odometry.reset(*read_pose(message))
+        except ValueError as error:
+            self.get_logger().warning(f'set_pose was refused: {error}')
+        else:
+            x, y, theta = self._odometry.pose
+            self.get_logger().info(f'pose set to {x:g} m, {y:g} m, {theta:g} rad')
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        self._odometry.reset()
+        response.success, response.message = True, 'the pose is zero'
+        return response
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        self._hold(DISABLED, not request.data)
+        self._start_commanding()
+        response.success = True
+        response.message = 'the next command is driven' if request.data else 'the wheels are held'
+        return response
 
     def _now(self) -> Time:
         return self.get_clock().now().to_msg()
 
 
-def _message(config: Config) -> OdometryMessage:
-    """Return the message with all in it that stays."""
-    message = OdometryMessage()
-    message.header.frame_id = config.odom_frame_id
-    message.child_frame_id = config.base_frame_id
-    for covariance in (message.pose.covariance, message.twist.covariance):
-        for axis in NOT_PLANAR:
-            covariance[7 * axis] = UNKNOWN
-    return message
-
-
-def _fill_covariance(covariance: Any, planar: list[list[float]]) -> None:
-    for row, values in zip(PLANAR, planar, strict=True):
-        for column, value in zip(PLANAR, values, strict=True):
-            covariance[6 * row + column] = min(value, UNKNOWN)
+def _nanoseconds(stamp: Time) -> int:
+    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
 
 def main() -> None:

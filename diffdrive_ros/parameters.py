@@ -1,9 +1,10 @@
 """
-Parameters: declared with their descriptions, validated, and made into one frozen Config.
+Parameters: declared with their descriptions, validated one by one, and followed when they change.
 
-The names, and where they have one the meaning, are diff_drive_controller's. Every rule is
-checked on the whole set, at start and before any change at run time: all or nothing.
+Every rule is checked on the whole set, at start and before any change at run time. What is set in
+one request of set_parameters_atomically is taken as a whole or not at all.
 """
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
@@ -11,7 +12,6 @@ import re
 from typing import Any, TypeVar
 
 from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.odometry import WheelNoise
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -40,8 +40,9 @@ NOT_NEGATIVE = Rule('must be finite and zero or more', lambda value: 0.0 <= valu
 POSITIVE_OR_NAN = Rule(
     'must be positive and finite, or .nan for none',
     lambda value: 0.0 < value < math.inf or math.isnan(value))
-RATE = Rule('must be positive and at most 1000 Hz', lambda value: 0.0 < value <= 1000.0)
-AT_LEAST_ONE = Rule('must be 1 or more', lambda value: value >= 1)
+RATE = Rule('must be from 1 to 1000 Hz', lambda value: 1.0 <= value <= 1000.0)
+WINDOW = Rule('must be from 1 to 10000', lambda value: 1 <= value <= 10000)
+FACTOR = Rule('must be from 0.1 to 10', lambda value: 0.1 <= value <= 10.0)
 NOT_EMPTY = Rule('must not be empty', lambda value: value != '')
 JOINT_NAMES = Rule(
     'must be a list of one or more different joint names',
@@ -58,26 +59,38 @@ class Spec:
     """One parameter; its type is that of its default. live: may be set at run time."""
 
     name: str
-    default: bool | int | float | str | list[str]
+    default: bool | int | float | str | list[str] | list[float]
     description: str
     rule: Rule = ANYTHING
     live: bool = False
 
     def check(self, value: object) -> None:
         """Raise ParameterError unless the value is of the type and keeps the rule."""
-        if isinstance(self.default, list):
-            fits = isinstance(value, Sequence) and all(isinstance(item, str) for item in value)
-            fits = fits and not isinstance(value, str)
-        else:
-            fits = type(value) is type(self.default)
-        if not fits:
-            raise ParameterError(self.name, repr(value), _TYPES[type(self.default)])
+        if not self._is_of_type(value):
+            raise ParameterError(self.name, repr(value), f'must be {self._type_name}')
         if not self.rule.holds(value):
             raise ParameterError(self.name, repr(value), self.rule.text)
 
     def with_point(self, value: object) -> object:
         """Return an integer given for a double as a double: 1 means 1.0."""
-        return float(value) if type(value) is int and type(self.default) is float else value
+        if type(value) is int and type(self.default) is float:
+            return float(value)
+        if isinstance(self.default, list) and isinstance(value, (list, tuple, array)):
+            is_float = isinstance(self.default[0], float)
+            return [float(item) if is_float and type(item) is int else item for item in value]
+        return value
+
+    @property
+    def _type_name(self) -> str:
+        if isinstance(self.default, list):
+            return f'a list of {_TYPES[type(self.default[0])].split()[1]}s'
+        return _TYPES[type(self.default)]
+
+    def _is_of_type(self, value: object) -> bool:
+        if isinstance(self.default, list):
+            return isinstance(value, list) and all(
+                type(item) is type(self.default[0]) for item in value)
+        return type(value) is type(self.default)
 
     @property
     def descriptor(self) -> ParameterDescriptor:
@@ -87,13 +100,7 @@ class Spec:
             read_only=not self.live)
 
 
-_TYPES = {
-    bool: 'must be a bool, true or false',
-    int: 'must be an integer',
-    float: 'must be a double',
-    str: 'must be a string',
-    list: 'must be a list of strings',
-}
+_TYPES = {bool: 'a bool', int: 'an integer', float: 'a double', str: 'a string'}
 
 GEOMETRY = (
     Spec('left_wheel_names', ['left_wheel_joint'],
@@ -109,13 +116,13 @@ GEOMETRY = (
          'Radius of the wheels [m]. Too large: the robot drives slower and less far than '
          'odometry says.', POSITIVE),
     Spec('wheel_separation_multiplier', 1.0,
-         'Correction factor of wheel_separation, from calibration.', POSITIVE, live=True),
+         'Correction factor of wheel_separation, from calibration.', FACTOR, live=True),
     Spec('left_wheel_radius_multiplier', 1.0,
          'Correction factor of the left radius. Too large: straight drives bend to the left.',
-         POSITIVE, live=True),
+         FACTOR, live=True),
     Spec('right_wheel_radius_multiplier', 1.0,
          'Correction factor of the right radius. Too large: straight drives bend to the right.',
-         POSITIVE, live=True),
+         FACTOR, live=True),
 )
 
 COMMAND_INTERFACE = Spec(
@@ -123,80 +130,6 @@ COMMAND_INTERFACE = Spec(
     'Form of the wheel commands: joint_state (JointState), multi_array (Float64MultiArray, left '
     'wheels then right), per_wheel (Float64 on <joint>/command) or none.',
     one_of('joint_state', 'multi_array', 'per_wheel', 'none'))
-
-ODOMETRY = (
-    Spec('odom_frame_id', 'odom', 'Frame in which odometry gives the pose.', NOT_EMPTY),
-    Spec('base_frame_id', 'base_link', 'Frame between the wheels, x forward.', NOT_EMPTY),
-    Spec('position_feedback', True,
-         'Use the positions of joint_states; false: integrate their velocities.'),
-    Spec('open_loop', False,
-         'Integrate the commands as applied, for a robot without encoders; joint_states is '
-         'not used.'),
-    Spec('velocity_rolling_window_size', 10,
-         'Samples over which the twist is measured. Too many: it lags; too few: it shows the '
-         'steps of the encoders.', AT_LEAST_ONE),
-    Spec('left_wheel_travel_variance', WheelNoise.left_travel,
-         "Variance of the left wheel's travel over the floor per metre driven [m^2/m]. Too "
-         'small: filters trust odometry that has slipped away.', NOT_NEGATIVE),
-    Spec('right_wheel_travel_variance', WheelNoise.right_travel,
-         "Variance of the right wheel's travel over the floor per metre driven [m^2/m].",
-         NOT_NEGATIVE),
-    Spec('turn_variance', WheelNoise.turn,
-         'Variance of the heading per radian turned, from wheels that scrub [rad^2/rad].',
-         NOT_NEGATIVE),
-    Spec('cmd_vel_timeout', 0.5,
-         'The wheels are stopped when no command has come for this long [s]; 0 never stops '
-         'them.', NOT_NEGATIVE, live=True),
-    Spec('command_rate', 50.0, 'Rate at which wheel commands go out [Hz].', RATE),
-    Spec('max_wheel_speed', math.nan,
-         'Fastest that a wheel can turn [rad/s]; a faster command is slowed down as a whole, '
-         'so that the curve stays. .nan: no limit, and a wheel that cannot follow bends it.',
-         POSITIVE_OR_NAN, live=True),
-    COMMAND_INTERFACE,
-    Spec('enable_stamped_cmd_vel', False,
-         'Commands come as TwistStamped; false: as Twist. The other type is not heard.'),
-)
-
-
-@dataclass(frozen=True)
-class Config:
-    """The settings of the node odometry, validated as a whole."""
-
-    left_wheel_names: tuple[str, ...]
-    right_wheel_names: tuple[str, ...]
-    drive: DiffDrive
-    odom_frame_id: str
-    base_frame_id: str
-    position_feedback: bool
-    open_loop: bool
-    velocity_rolling_window_size: int
-    noise: WheelNoise
-    cmd_vel_timeout: float
-    command_rate: float
-    max_wheel_speed: float | None
-    command_interface: str
-    enable_stamped_cmd_vel: bool
-
-    @classmethod
-    def of(cls, values: Values) -> 'Config':
-        """Return the Config of a full set of values; raises ParameterError."""
-        if values['base_frame_id'] == values['odom_frame_id']:
-            raise ParameterError(
-                'base_frame_id', repr(values['base_frame_id']), 'must differ from odom_frame_id')
-        left_wheel_names, right_wheel_names = wheel_names(values)
-        max_wheel_speed = values['max_wheel_speed']
-        return cls(
-            left_wheel_names=left_wheel_names,
-            right_wheel_names=right_wheel_names,
-            drive=drive(values),
-            noise=WheelNoise(
-                values['left_wheel_travel_variance'], values['right_wheel_travel_variance'],
-                values['turn_variance']),
-            max_wheel_speed=None if math.isnan(max_wheel_speed) else max_wheel_speed,
-            **{name: values[name] for name in (
-                'odom_frame_id', 'base_frame_id', 'position_feedback', 'open_loop',
-                'velocity_rolling_window_size', 'cmd_vel_timeout', 'command_rate',
-                'command_interface', 'enable_stamped_cmd_vel')})
 
 
 def wheel_names(values: Values) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -235,6 +168,9 @@ def declare(node: Node, specs: Sequence[Spec]) -> Values:
     """Declare the parameters on a node; return their values. Raises ParameterError."""
     values: dict[str, Any] = {}
     overrides = given(node)
+    for name, value in overrides.items():
+        if name.startswith('qos_overrides.') and name.endswith('.depth') and value < 1:
+            raise ParameterError(name, value, 'must be 1 or more')
     for spec in specs:
         values[spec.name] = spec.with_point(overrides.get(spec.name, spec.default))
         spec.check(values[spec.name])
@@ -272,7 +208,7 @@ def follow_changes(
     node: Node, specs: Sequence[Spec], config_of: Callable[[Values], ConfigT],
     apply: Callable[[ConfigT], None],
 ) -> None:
-    """Let the live parameters be set at run time: validated before, all or none, then applied."""
+    """Let the live parameters be set at run time: validated before, applied after."""
     by_name = {spec.name: spec for spec in specs}
 
     def values(changes: Sequence[Parameter]) -> Values:

@@ -79,6 +79,10 @@ class SimulatorNode(Node):
         self._truth_publisher = self.create_publisher(
             OdometryMessage, 'ground_truth', QoSProfile(depth=10))
         parameters.follow_changes(self, SPECS, dict, self._apply)
+        self.get_logger().info(
+            f'a robot with wheel_separation {model.wheel_separation:g} m, wheel radii '
+            f'{model.left_wheel_radius:g} and {model.right_wheel_radius:g} m waits for '
+            f'{values["command_interface"]} on wheel_commands')
         self.create_timer(
             1.0 / values['publish_rate'], self._on_timer,
             clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -48,7 +48,8 @@ def run(
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
     except START_ERRORS as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        what = '' if isinstance(error, StartError) else f'cannot start: {type(error).__name__}: '
+        print(f'{name}: {what}{" ".join(str(error).split())}', file=sys.stderr)
         rclpy.try_shutdown()
         return 1
     try:

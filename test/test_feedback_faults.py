@@ -116,7 +116,7 @@ class DamagedDrive(RuleBasedStateMachine):
     @rule(back=st.integers(2 * SECOND, 10**12), after=steps, jump=st.tuples(jumps, jumps))
     def time_starts_again(self, back: int, after: tuple[float, float],
                           jump: tuple[float, float]) -> None:
-        """A bag loops, or a simulation is reset, encoders and all."""
+        """Go on in a bag that loops, or a simulation that is reset, encoders and all."""
         self.now -= back
         self.lose(jump)
         assert self.send() is None
@@ -134,7 +134,7 @@ class DamagedDrive(RuleBasedStateMachine):
 
     @rule(step=steps)
     def other_joints_come_between(self, step: tuple[float, float]) -> None:
-        """Passed over, empty messages too."""
+        """Send what has to be passed over, empty messages too."""
         assert self.send(names=['arm', 'hand']) is None
         assert self.send(names=[]) is None
 

@@ -267,8 +267,8 @@ def test_a_live_parameter_takes_effect_at_once(station: Station, make: Make) -> 
 
 
 @pytest.mark.parametrize(('name', 'value', 'rule'), [
-    ('left_wheel_radius_multiplier', 0.0, 'left_wheel_radius_multiplier = 0.0: must be positive'),
-    ('left_wheel_radius_multiplier', math.nan, 'must be positive'),
+    ('left_wheel_radius_multiplier', 0.0, 'left_wheel_radius_multiplier = 0.0: must be from 0.1'),
+    ('left_wheel_radius_multiplier', math.nan, 'must be from 0.1 to 10'),
     ('cmd_vel_timeout', -1.0, 'cmd_vel_timeout = -1.0: must be finite and zero or more'),
     ('max_wheel_speed', math.inf, 'max_wheel_speed = inf: must be positive'),
     ('wheel_radius', 0.05, 'read-only'),

@@ -4,6 +4,8 @@ import itertools
 import math
 from pathlib import Path
 import signal
+import subprocess
+import sys
 import time
 
 from diffdrive_ros.kinematics import DiffDrive
@@ -143,8 +145,7 @@ def test_a_bare_start_is_the_example_robot_with_one_warning(
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
-    [warning] = process.output.strip().splitlines()
-    assert 'WARN' in warning
+    [warning] = [line for line in process.output.splitlines() if 'WARN' in line]
     assert 'example robot, wheel_separation 0.16 m, wheel radii 0.033 and 0.033 m' in warning
 
 
@@ -179,9 +180,10 @@ REFUSALS = [
     (GOOD + 'command_interface: pwm',
      "command_interface = 'pwm': must be one of joint_state, multi_array, per_wheel, none"),
     (GOOD + 'cmd_vel_timeout: -0.5', 'cmd_vel_timeout = -0.5: must be finite and zero or more'),
-    (GOOD + 'command_rate: 0.0', 'command_rate = 0.0: must be positive and at most 1000 Hz'),
+    (GOOD + 'command_rate: 0.0', 'command_rate = 0.0: must be from 1 to 1000 Hz'),
     (GOOD + 'open_loop: 1', 'open_loop = 1: must be a bool'),
-    (GOOD + 'velocity_rolling_window_size: 0', 'velocity_rolling_window_size = 0: must be 1'),
+    (GOOD + 'velocity_rolling_window_size: 0',
+     'velocity_rolling_window_size = 0: must be from 1 to 10000'),
     (GOOD + 'base_frame_id: odom', "base_frame_id = 'odom': must differ from odom_frame_id"),
     (GOOD + 'left_wheel_names: [a-b]\n    right_wheel_names: [c]\n    '
      'command_interface: per_wheel', 'command_interface = '),
@@ -232,10 +234,230 @@ def test_half_a_parameter_file_is_refused(start: Start, tmp_path: Path, text: st
 
 def test_a_parameter_file_without_ros_args_is_refused(tmp_path: Path) -> None:
     """Passed over in silence, it would leave the example robot's numbers on a real one."""
-    import subprocess
-    import sys
     ended = subprocess.run(
         [sys.executable, '-m', 'diffdrive_ros.odometry_node', '--params-file', 'robot.yaml'],
         capture_output=True, text=True, timeout=20)
     assert ended.returncode == 2
     assert 'unrecognized arguments: --params-file robot.yaml' in ended.stderr
+
+
+def test_wheel_commands_go_out_at_the_command_rate(station: Station, start: Start) -> None:
+    """Zeros too: drivers with a watchdog of their own rely on it."""
+    start('odometry_node', command_rate=20, cmd_vel_timeout=0.3)
+    heard = drive(station)
+    wait_until(lambda: len(heard) > 30)
+    moments = [at for at, _ in heard]
+    gaps = sorted(b - a for a, b in itertools.pairwise(moments))
+    assert gaps[len(gaps) // 2] == pytest.approx(0.05, abs=0.01)
+
+
+def test_a_command_is_on_the_wheels_within_two_slow_periods(
+        station: Station, start: Start) -> None:
+    """At 5 Hz, where nothing but the rule takes that long."""
+    start('odometry_node', command_rate=5)
+    heard = station.hear(JointState, 'wheel_commands')
+    wait_until(lambda: station.node.count_publishers('wheel_commands'))
+    station.say_until(lambda: heard, 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+    sent_at = time.monotonic()
+    station.say('cmd_vel', twist(-0.1, 0.7))
+    expected = pytest.approx(EXAMPLE.wheel_speeds(-0.1, 0.7))
+    wait_until(lambda: list(heard[-1][1].velocity) == expected)
+    first = next(at for at, message in heard if list(message.velocity) == expected)
+    assert first - sent_at < 2.0 * 0.2
+
+
+def test_a_flood_of_joint_states_does_not_delay_the_stop(
+        station: Station, start: Start) -> None:
+    """More messages than can be read: the watchdog comes first."""
+    start('odometry_node')
+    heard = drive(station)
+    flood = subprocess.Popen([sys.executable, '-c', FLOOD])
+    try:
+        wait_until(lambda: station.node.count_publishers('joint_states'))
+        for _ in range(50):
+            station.say('cmd_vel', twist(0.2, 0.7))
+            time.sleep(0.02)
+        due_at = time.monotonic() + 0.5 + PERIOD + LATE
+        wait_until(lambda: heard[-1][0] > due_at + 1.0)
+        assert all(is_zero(message) for at, message in heard if at > due_at)
+        moments = [at for at, _ in heard]
+        assert max(b - a for a, b in itertools.pairwise(moments)) < PERIOD + 2.0 * LATE
+    finally:
+        flood.kill()
+        flood.wait()
+
+
+FLOOD = """
+import rclpy
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+rclpy.init()
+node = rclpy.create_node('flood')
+publisher = node.create_publisher(JointState, 'joint_states', 50)
+message = JointState(name=['left_wheel_joint', 'right_wheel_joint'], position=[0.0, 0.0])
+messages = []
+for k in range(1000):
+    message.header.stamp.sec, message.header.stamp.nanosec = 1, k
+    messages.append(serialize_message(message))
+while True:
+    for each in messages:
+        publisher.publish(each)
+"""
+
+
+def test_commands_from_before_a_pause_of_the_process_are_not_driven(
+        station: Station, start: Start) -> None:
+    """Held up, and set free when the driver has long let go of the stick."""
+    process = start('odometry_node')
+    heard = drive(station)
+    process.signal(signal.SIGSTOP)
+    for _ in range(20):
+        station.say('cmd_vel', twist(0.2, 0.7))
+        time.sleep(0.02)
+    time.sleep(0.6)
+    freed_at = time.monotonic()
+    process.signal(signal.SIGCONT)
+    wait_until(lambda: heard[-1][0] > freed_at + 0.6)
+    after = [message for at, message in heard if at > freed_at]
+    assert len(after) > 10
+    assert sum(not is_zero(message) for message in after) <= 1  # sent before it was noticed
+    station.say_until(
+        lambda: not is_zero(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+
+
+BROKEN = """
+import sys
+from diffdrive_ros import odometry_node, spinning
+
+
+class Broken(odometry_node.OdometryNode):
+    def _on_joint_states(self, joints):
+        raise RuntimeError('broken on purpose')
+
+
+sys.exit(spinning.run('odometry', '', Broken, Broken.stop_wheels))
+"""
+
+
+def test_an_exception_stops_the_wheels_before_it_ends_the_node(
+        station: Station, start: Start) -> None:
+    """A defect is no reason to drive on."""
+    broken = subprocess.Popen(
+        [sys.executable, '-c', BROKEN], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True)
+    try:
+        heard = drive(station)
+        station.say('joint_states', joints(1, left_wheel_joint=1.0))
+        assert broken.wait(10) == 1
+        wait_until(lambda: is_zero(heard[-1][1]))
+    finally:
+        broken.kill()
+    assert 'RuntimeError: broken on purpose' in broken.communicate()[0]
+
+
+THEIRS_4 = """
+diff_drive_controller:
+  ros__parameters:
+    left_wheel_names: ["left_wheel_joint"]
+    right_wheel_names: ["right_wheel_joint"]
+    wheels_per_side: 1
+    wheel_separation: 0.10
+    wheel_radius: 0.015
+    wheel_separation_multiplier: 1.0
+    left_wheel_radius_multiplier: 1.0
+    right_wheel_radius_multiplier: 1.0
+    publish_rate: 50.0
+    odom_frame_id: odom
+    base_frame_id: base_link
+    pose_covariance_diagonal : [0.001, 0.001, 0.001, 0.001, 0.001, 0.01]
+    twist_covariance_diagonal: [0.001, 0.001, 0.001, 0.001, 0.001, 0.01]
+    open_loop: true
+    enable_odom_tf: true
+    cmd_vel_timeout: 0.5
+    publish_limited_velocity: true
+    use_stamped_vel: false
+    linear.x.has_velocity_limits: true
+    linear.x.has_acceleration_limits: true
+    linear.x.has_jerk_limits: false
+    linear.x.max_velocity: 0.2
+    linear.x.min_velocity: -0.1
+    linear.x.max_acceleration: 1.0
+    linear.x.min_acceleration: -0.1
+    linear.x.max_jerk: 0.0
+    linear.x.min_jerk: 0.0
+    angular.z.has_velocity_limits: true
+    angular.z.has_acceleration_limits: true
+    angular.z.has_jerk_limits: false
+    angular.z.max_velocity: 1.0
+    angular.z.min_velocity: -1.0
+    angular.z.max_acceleration: 1.0
+    angular.z.min_acceleration: -1.0
+    angular.z.max_jerk: 0.0
+    angular.z.min_jerk: 0.0
+"""
+
+THEIRS_6 = """
+controller_manager:
+  ros__parameters:
+    update_rate: 10
+    diff_drive_controller:
+      type: diff_drive_controller/DiffDriveController
+diff_drive_controller:
+  ros__parameters:
+    type: diff_drive_controller/DiffDriveController
+    left_wheel_names: ["left_wheel_joint"]
+    right_wheel_names: ["right_wheel_joint"]
+    wheel_separation: 0.10
+    wheel_radius: 0.015
+    tf_frame_prefix_enable: false
+    open_loop: true
+    publish_limited_velocity: true
+    velocity_rolling_window_size: 10
+    linear:
+      x:
+        max_velocity: 0.2
+        min_velocity: -0.1
+        max_acceleration: 1.0
+        max_acceleration_reverse: -1.0
+        max_jerk: .NAN
+        min_jerk: .NAN
+    angular:
+      z:
+        max_velocity: 1.0
+        min_velocity: -1.0
+        max_acceleration: 1.0
+        max_jerk: .NAN
+    wheel_seperation: 0.3
+"""
+
+
+@pytest.mark.parametrize('theirs', [THEIRS_4, THEIRS_6])
+@pytest.mark.parametrize(('asked', 'fastest'), [(0.9, 0.2), (-0.9, -0.1)])
+def test_a_parameter_file_for_diff_drive_controller_drives_as_there(
+        station: Station, start: Start, tmp_path: Path, theirs: str, asked: float,
+        fastest: float) -> None:
+    """Up to the fastest at 1 m/s^2, 0.02 m/s in each period of 50 Hz, and no faster."""
+    file = tmp_path / 'theirs.yaml'
+    file.write_text(theirs)
+    process = start('odometry_node', '-r', '__node:=diff_drive_controller',
+                    '--params-file', str(file))
+    heard = station.hear(JointState, 'wheel_commands')
+    wait_until(lambda: station.node.count_publishers('wheel_commands'))
+    station.say_until(
+        lambda: heard and heard[-1][1].velocity[0] * 0.015 == pytest.approx(fastest),
+        'cmd_vel', itertools.repeat(twist(asked, 0.0)))
+    speeds = [message.velocity[0] * 0.015 for _, message in heard]
+    steps = [b - a for a, b in zip([0.0, *speeds], speeds, strict=False) if abs(b - a) > 1e-9]
+    sign = math.copysign(1.0, fastest)
+    assert steps == pytest.approx([0.02 * sign] * round(abs(fastest) / 0.02))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    if theirs is THEIRS_4:
+        assert 'WARN' not in process.output
+        assert 'wheels_per_side is not used any more' in process.output
+        assert 'linear.x.min_acceleration is not used any more' in process.output
+    else:
+        [warning] = [line for line in process.output.splitlines() if 'WARN' in line]
+        assert 'wheel_seperation is no parameter' in warning
+        assert 'the nearest is wheel_separation' in warning

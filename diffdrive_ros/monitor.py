@@ -1,0 +1,134 @@
+"""What the node odometry says of itself once a second: warnings on change, and /diagnostics."""
+from collections.abc import Sequence
+import time
+
+from diffdrive_ros.command import CommandPath
+from diffdrive_ros.config import Config
+from diffdrive_ros.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
+from diffdrive_ros.feedback import WheelFeedback
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+LONGEST_SILENCE = 2.0  # [s] without a sample of the wheels until it is said
+MOST_NAMES = 20  # of joints that are not ours, in a message
+
+
+class Monitor:
+    """Looks at the paths of feedback and commands once a second, on the steady clock."""
+
+    def __init__(
+        self, node: Node, config: Config, feedback: WheelFeedback, command: CommandPath,
+        is_example: bool,
+    ) -> None:
+        self._node, self._config, self._is_example = node, config, is_example
+        self._feedback, self._command = feedback, command
+        self._sampled_at = self._looked_at = time.monotonic()
+        self._samples_then = self._commands_then = 0
+        self._names: set[str] = set()
+        self._said: set[str] = set()
+        self._sender = DiagnosticsSender(node)
+        node.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def sampled(self) -> None:
+        """Take note of a sample of the wheels."""
+        self._sampled_at = time.monotonic()
+
+    def heard_in_vain(self, names: Sequence[str]) -> None:
+        """Take note of a joint message that completed no sample."""
+        if len(self._names) < MOST_NAMES:
+            self._names.update(names)
+
+    def silence(self) -> float:
+        """Return how long ago the last sample of the wheels was, or the start [s]."""
+        return time.monotonic() - self._sampled_at
+
+    def _look(self) -> None:
+        self._look_at_publishers()
+        now = time.monotonic()
+        elapsed, self._looked_at = now - self._looked_at, now
+        samples, commands = self._feedback.counts['samples'], self._command.counts['commands']
+        sample_rate = (samples - self._samples_then) / elapsed
+        command_rate = (commands - self._commands_then) / elapsed
+        self._samples_then, self._commands_then = samples, commands
+        self._sender.send(
+            self._node.get_clock().now().to_msg(), self._feedback_status(sample_rate),
+            self._command_status(command_rate), self._geometry_status())
+
+    def _feedback_status(self, rate: float) -> Status:
+        figures = {'rate [Hz]': f'{rate:.1f}', 'age [s]': f'{self.silence():.3f}',
+                   **dict(self._feedback.counts)}
+        if self._config.open_loop:
+            return Status('feedback', OK, 'open loop: the commands stand in', figures)
+        was_heard = self._feedback.counts['samples'] > 0
+        if self.silence() <= LONGEST_SILENCE:
+            if not was_heard:
+                return Status('feedback', WARN, 'none yet', figures)
+            self._said.discard('silence')
+            self._names.clear()
+            return Status('feedback', OK, f'{rate:.0f} Hz', figures)
+        reason = self._reason_of_silence()
+        is_missed = self._names or was_heard or self._command.started
+        if is_missed and 'silence' not in self._said:
+            self._said.add('silence')
+            self._node.get_logger().warning(f'joint_states: {reason}')
+        return Status('feedback', ERROR if was_heard else WARN, reason, figures)
+
+    def _reason_of_silence(self) -> str:
+        wanted = ', '.join(self._feedback.waits_for)
+        if not self._names:
+            return f'nothing for {LONGEST_SILENCE:g} s'
+        heard = ', '.join(sorted(self._names))
+        return (f'no sample of the wheels for {LONGEST_SILENCE:g} s: heard {heard}; waiting for '
+                f'{wanted}')
+
+    def _command_status(self, rate: float) -> Status:
+        command = self._command
+        figures = {'rate [Hz]': f'{rate:.1f}', **dict(command.counts)}
+        if command.complaint:
+            return Status('commands', WARN, f'stopped: {command.complaint}', figures)
+        return Status(
+            'commands', OK, f'{rate:.0f} Hz' if command.started else 'none yet', figures)
+
+    def _geometry_status(self) -> Status:
+        drive = self._command.drive
+        figures = {'wheel separation [m]': drive.wheel_separation,
+                   'left wheel radius [m]': drive.left_wheel_radius,
+                   'right wheel radius [m]': drive.right_wheel_radius}
+        if self._is_example:
+            return Status('geometry', WARN, 'the example robot: none was given', figures)
+        return Status('geometry', OK, 'as given', figures)
+
+    def _look_at_publishers(self) -> None:
+        """Say once what is wrong with those who publish to this node."""
+        wanted = 'TwistStamped' if self._config.enable_stamped_cmd_vel else 'Twist'
+        for end in self._node.get_publishers_info_by_topic('cmd_vel'):
+            if end.topic_type != f'geometry_msgs/msg/{wanted}':
+                self._say_once(
+                    f'{end.node_name} publishes cmd_vel as {end.topic_type} and is not heard: '
+                    'see enable_stamped_cmd_vel')
+        self._look_at_drivers()
+        joints = self._node.get_publishers_info_by_topic('joint_states')
+        if len(joints) > len({*self._config.left_wheel_names, *self._config.right_wheel_names}):
+            names = ', '.join(sorted(end.node_name for end in joints))
+            self._say_once(f'{len(joints)} publish joint_states: {names}; one may be too many')
+
+    def _look_at_drivers(self) -> None:
+        """Say once who else commands the wheels, and who listens for another form of commands."""
+        kind = {'joint_state': 'sensor_msgs/msg/JointState',
+                'multi_array': 'std_msgs/msg/Float64MultiArray'}.get(
+                    self._config.command_interface)
+        if not kind:
+            return
+        others = len(self._node.get_publishers_info_by_topic('wheel_commands')) - 1
+        if others > 0:
+            self._say_once(f'{others} more publish wheel_commands: the wheels get both')
+        for end in self._node.get_subscriptions_info_by_topic('wheel_commands'):
+            if end.topic_type != kind:
+                self._say_once(
+                    f'{end.node_name} listens to wheel_commands as {end.topic_type} and hears '
+                    'nothing: see command_interface')
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            self._node.get_logger().warning(text)
