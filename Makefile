@@ -3,10 +3,10 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo lint test colcon clean
+.PHONY: help demo lint test colcon consistency clean
 
 help:  ## print this
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
 
 demo:  ## drive a simulated robot: make demo ARGS='--path circle'
 	@.ci/environment demo demo $(ARGS)
@@ -25,6 +25,9 @@ test: lint  ## lint, then pytest: make test ARGS='-k odometry'
 colcon:  ## build and test as a ROS workspace does
 	@.ci/environment colcon .ci/tf2_msgs
 	@.ci/environment colcon .ci/colcon
+
+consistency:  ## check the covariance against thousands of simulated drives
+	@.ci/environment test python test/consistency.py $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
 	rm -rf .venv .venv-ros .colcon build dist demo.png *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

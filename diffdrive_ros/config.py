@@ -13,7 +13,7 @@ from typing import Any
 from diffdrive_ros import parameters
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.limits import AxisLimits
-from diffdrive_ros.odometry import WheelNoise
+from diffdrive_ros.odometry import GeometryUncertainty, WheelNoise
 from diffdrive_ros.parameters import ParameterError, Rule, Spec, Values
 from rclpy.node import Node
 
@@ -91,6 +91,11 @@ SPECS = (
     Spec('turn_variance', WheelNoise.turn,
          'Variance of the heading per radian turned, from wheels that scrub [rad^2/rad].',
          parameters.NOT_NEGATIVE),
+    *(Spec(f'{name}_std', 0.0,
+           f'How well {name} is known: its standard deviation [m], such as {example} if it was '
+           'measured by hand; 0: exactly.', parameters.NOT_NEGATIVE)
+      for name, example in (('wheel_separation', '0.002'), ('left_wheel_radius', '0.0001'),
+                            ('right_wheel_radius', '0.0001'))),
     Spec('pose_covariance_diagonal', [0.0] * 6,
          'Variances of x, y, z [m^2], roll, pitch, yaw [rad^2] in place of the propagated '
          'covariance; all zero: not set.', DIAGONAL),
@@ -145,6 +150,7 @@ class Config:
     stop_on_feedback_loss: float
     velocity_rolling_window_size: int
     noise: WheelNoise
+    geometry_uncertainty: GeometryUncertainty
     pose_variances: tuple[float, ...] | None
     twist_variances: tuple[float, ...] | None
     cmd_vel_timeout: float
@@ -176,6 +182,9 @@ class Config:
             noise=WheelNoise(
                 values['left_wheel_travel_variance'], values['right_wheel_travel_variance'],
                 values['turn_variance']),
+            geometry_uncertainty=GeometryUncertainty(
+                values['wheel_separation_std'], values['left_wheel_radius_std'],
+                values['right_wheel_radius_std']),
             pose_variances=_diagonal(values['pose_covariance_diagonal']),
             twist_variances=_diagonal(values['twist_covariance_diagonal']),
             linear_limits=axis_limits(values, 'linear.x'),

@@ -118,9 +118,9 @@ class WheelNoise:
     negative or not finite.
     """
 
-    left_travel: float = 1e-5
-    right_travel: float = 1e-5
-    turn: float = 1e-4
+    left_travel: float = 5e-6
+    right_travel: float = 5e-6
+    turn: float = 5e-5
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -171,8 +171,8 @@ class Odometry:
         self, drive: DiffDrive, *, window: int = 10, noise: WheelNoise | None = None,
         geometry_uncertainty: GeometryUncertainty | None = None, start: npt.ArrayLike = ORIGIN,
     ) -> None:
-        if window < 1:
-            raise ValueError(f'window = {window!r}: must be 1 or more')
+        if not isinstance(window, int) or window < 1:
+            raise ValueError(f'window = {window!r}: must be an integer of 1 or more')
         self.drive = drive
         self.noise = noise or WheelNoise()
         self.geometry_uncertainty = geometry_uncertainty or GeometryUncertainty()

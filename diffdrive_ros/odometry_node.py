@@ -61,7 +61,8 @@ class OdometryNode(Node):
             config.position_feedback and not config.open_loop, config.left_wheel_direction,
             config.right_wheel_direction, config.encoder_wrap, config.max_plausible_wheel_speed)
         self._odometry = Odometry(
-            config.drive, window=config.velocity_rolling_window_size, noise=config.noise)
+            config.drive, window=config.velocity_rolling_window_size, noise=config.noise,
+            geometry_uncertainty=config.geometry_uncertainty)
         self._command = CommandPath(
             config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
             config.angular_limits, period=1.0 / config.command_rate)

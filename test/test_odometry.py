@@ -369,7 +369,7 @@ def test_a_start_that_is_no_pose_is_refused_by_name():
 
 @pytest.mark.parametrize('window', [0, -1])
 def test_a_window_of_no_interval_is_refused(window):
-    with pytest.raises(ValueError, match=f'^window = {window}: must be 1 or more$'):
+    with pytest.raises(ValueError, match=f'^window = {window}: must be an integer of 1 or more$'):
         Odometry(ROBOT, window=window)
 
 

@@ -467,3 +467,39 @@ def test_a_diagonal_that_is_set_stands_in_for_the_covariance(
         heard[-1][1].pose, heard[-1][1].twist))
     np.testing.assert_array_equal(pose, np.diag(diagonal))
     assert twist[0, 0] > 0.0
+
+
+def test_only_the_names_of_the_contract_are_used(station: Station, make: Make) -> None:
+    """Others have set_pose, enable, reset, cmd_vel_out and odometry/filtered in a namespace."""
+    node = make(publish_limited_velocity=True)
+
+    def names(found: list[tuple[str, list[str]]]) -> dict[str, str]:
+        return {name: kinds[0] for name, kinds in found
+                if not name.startswith(('/rosout', '/parameter_events')) and 'param' not in name}
+
+    published = names(node.get_publisher_names_and_types_by_node('odometry', '/'))
+    published.pop('/tf', None)  # where tf2_msgs is
+    assert published == {
+        '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+        '/odom': 'nav_msgs/msg/Odometry',
+        '/odometry/cmd_vel_out': 'geometry_msgs/msg/TwistStamped',
+        '/wheel_commands': 'sensor_msgs/msg/JointState'}
+    assert names(node.get_subscriber_names_and_types_by_node('odometry', '/')) == {
+        '/cmd_vel': 'geometry_msgs/msg/Twist',
+        '/joint_states': 'sensor_msgs/msg/JointState',
+        '/odometry/set_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped'}
+    services = names(node.get_service_names_and_types_by_node('odometry', '/'))
+    services.pop('/odometry/get_type_description', None)
+    assert services == {
+        '/odometry/enable': 'std_srvs/srv/SetBool',
+        '/odometry/reset_odometry': 'std_srvs/srv/Trigger'}
+
+
+def test_robots_in_one_domain_keep_to_themselves(station: Station) -> None:
+    """Each in its namespace: the wheels of one do not move the odometry of the other."""
+    nodes = [station.add(OdometryNode(context=station.context, namespace=name)) for name in 'ab']
+    heard = {name: station.hear(Odometry, f'/{name}/odom') for name in 'ab'}
+    station.say_until(lambda: len(heard['a']) > 5, '/a/joint_states', angles())
+    assert heard['b'] == []
+    assert nodes[0]._odometry.pose[0] > 0.0
+    assert nodes[1]._odometry.pose[0] == 0.0
