@@ -47,6 +47,7 @@ setup(
             'mypy~=2.4.1',
             'pydocstyle',
             'pytest',
+            'pytest-xdist',
             'pyyaml',
             'ruff~=0.17.6',
         ],

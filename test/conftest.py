@@ -14,9 +14,12 @@ settings.load_profile('suite')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a field of a wrong type raises
 
-# Domains whose ports are free of Linux's ephemeral ones; two suites at once start apart.
-_domains = itertools.cycle(range(1, 102))
-for _ in range(os.getpid() % 101):
+# Domains whose ports are free of Linux's ephemeral ones. The workers of one suite share none, and
+# two suites at once start apart.
+WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+_domains = itertools.cycle(range(1 + WORKER, 102, WORKERS))
+for _ in range(os.getppid() % 101):
     next(_domains)
 
 
