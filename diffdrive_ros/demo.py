@@ -158,7 +158,7 @@ class Drive:
 
 def planned_end(path: str) -> Array:
     """Return where a path ends for a robot that does just what it is told, (3,)."""
-    pose = np.zeros(3)
+    pose: Array = np.zeros(3)
     for linear, angular, seconds in PATHS[path]:
         pose = se2.compose(pose, se2.exp([linear * seconds, 0.0, angular * seconds]))
     return pose

@@ -1,10 +1,8 @@
 """Pictures; matplotlib is imported only when one is drawn."""
 from pathlib import Path
 
+from diffdrive_ros.arguments import Array
 import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
 
 
 def draw_tracks(path: Path, title: str, seconds: Array, odometry: Array, truth: Array) -> None:

@@ -8,11 +8,9 @@ is that of a first-order lag, in closed form.
 from dataclasses import dataclass
 import math
 
-from diffdrive_ros.arguments import finite, not_negative, positive
+from diffdrive_ros.arguments import Array, finite, not_negative, positive
 import numpy as np
 import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,8 @@ class SimulatedRobot:
         if seconds == 0.0:
             return
         steps = math.ceil(seconds / self._step)
-        moved = np.diff(self._angles_over(np.linspace(0.0, seconds, steps + 1)), axis=0)
+        times: Array = np.linspace(0.0, seconds, steps + 1, dtype=np.float64)
+        moved = np.diff(self._angles_over(times), axis=0)
         rolled = self._rims() * moved
         travel = (1.0 - self.model.slip) * rolled
         if self.model.travel_noise:
