@@ -64,9 +64,10 @@ expect 'FULL distance' ros2 param describe /odometry wheel_separation
 expect '0.16' ros2 param get /odometry wheel_separation
 expect 'successful' ros2 param set /odometry left_wheel_radius_multiplier 1.01
 expect 'successful' ros2 param set /odometry cmd_vel_timeout 1
-expect 'must be positive and finite' ros2 param set /odometry left_wheel_radius_multiplier -- -1.0
+expect 'must be from 0.1 to 10' ros2 param set /odometry left_wheel_radius_multiplier -- -1.0
 expect 'read-only' ros2 param set /odometry wheel_radius 0.05
 expect '/cmd_vel: geometry_msgs/msg/Twist' ros2 node info /odometry
+expect 'success=True' ros2 service call /odometry/reset_odometry std_srvs/srv/Trigger
 
 echo '$ cat odometry.log'
 cat odometry.log
