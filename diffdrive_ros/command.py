@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class WheelCommand:
-    """Wheel speeds [rad/s] and the body twist [m/s, rad/s] that they amount to."""
+    """Speeds of the joints [rad/s] and the body twist [m/s, rad/s] that they amount to."""
 
     left: float
     right: float
@@ -34,7 +34,8 @@ class CommandPath:
     The last command and what becomes of it.
 
     A timeout [s] of 0 is none; max_wheel_speed [rad/s] of None is no limit; period [s] is the time
-    from one step to the next. The settings may be changed between two calls. holds are reasons
+    from one step to the next; the directions are -1 for joints that turn backward when the robot
+    drives forward. The settings may be changed between two calls. holds are reasons
     to keep the wheels at zero, in words for a person: while there is one, commands are not taken.
     """
 
@@ -44,6 +45,8 @@ class CommandPath:
     linear_limits: AxisLimits = NO_LIMITS
     angular_limits: AxisLimits = NO_LIMITS
     period: float = 0.02
+    left_direction: int = 1
+    right_direction: int = 1
     holds: set[str] = field(default_factory=set, init=False)
     counts: Counter[str] = field(default_factory=Counter, init=False)
     """How often what happened, by the words in which diagnostics say it."""
@@ -111,7 +114,8 @@ class CommandPath:
             if (left, right) != asked:
                 self._count('desaturated')
                 linear, angular = map(float, self.drive.body_twist(left, right))
-        return WheelCommand(left, right, linear, angular)
+        return WheelCommand(
+            self.left_direction * left, self.right_direction * right, linear, angular)
 
     def _is_too_old(self, now_ns: int) -> bool:
         if self._received_ns is None or not self.timeout:

@@ -236,8 +236,8 @@ class WheelFeedback:
         self._count('without a value')
         if self.position_feedback and has_velocity:
             self.complaint = (
-                f'{name} has a velocity but no position: set position_feedback to false, or let '
-                'the driver publish positions')
+                'the wheels have velocities but no positions: set position_feedback to false, or '
+                'let the driver publish positions')
         else:
             missing = 'position' if self.position_feedback else 'velocity'
             self.complaint = f'{name} has no {missing}'

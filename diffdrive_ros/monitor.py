@@ -108,9 +108,10 @@ class Monitor:
                     'see enable_stamped_cmd_vel')
         self._look_at_drivers()
         joints = self._node.get_publishers_info_by_topic('joint_states')
-        if len(joints) > len({*self._config.left_wheel_names, *self._config.right_wheel_names}):
+        if len(joints) > 1:
             names = ', '.join(sorted(end.node_name for end in joints))
-            self._say_once(f'{len(joints)} publish joint_states: {names}; one may be too many')
+            self._say_once(
+                f'{len(joints)} publish joint_states: {names}; no two may have the same wheels')
 
     def _look_at_drivers(self) -> None:
         """Say once who else commands the wheels, and who listens for another form of commands."""

@@ -36,6 +36,7 @@ class OdometryWriter:
                 variances = [UNKNOWN if axis in NOT_PLANAR else 0.0 for axis in range(6)]
             else:
                 self._covariances.append(None)
+                variances = [variance or UNKNOWN for variance in variances]
             for axis, variance in enumerate(variances):
                 part.covariance[7 * axis] = variance
 

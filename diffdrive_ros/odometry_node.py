@@ -65,7 +65,8 @@ class OdometryNode(Node):
             geometry_uncertainty=config.geometry_uncertainty)
         self._command = CommandPath(
             config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
-            config.angular_limits, period=1.0 / config.command_rate)
+            config.angular_limits, 1.0 / config.command_rate, config.left_wheel_direction,
+            config.right_wheel_direction)
         parameters.follow_changes(self, SPECS, self._config_of, self._apply)
         self._sent = STOP
         self._is_commanding = False

@@ -127,7 +127,7 @@ def test_a_value_that_is_not_finite_or_absurd_is_dropped_and_the_next_carries(tw
 def test_a_missing_position_with_a_velocity_names_the_parameter(two_wheels):
     assert two_wheels.update(['left', 'right'], [], [1.0, 2.0], 7) is None
     assert two_wheels.complaint == (
-        'right has a velocity but no position: set position_feedback to false, '
+        'the wheels have velocities but no positions: set position_feedback to false, '
         'or let the driver publish positions')
 
 

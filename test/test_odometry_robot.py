@@ -341,16 +341,6 @@ def test_a_sideways_command_is_said_once_and_ignored(
     assert said().count('more than linear.x and angular.z') == 1
 
 
-def test_commands_of_the_other_type_are_said_with_the_parameter(
-        station: Station, domain: int, make: Make, said: Callable[[], str]) -> None:
-    """Otherwise the robot silently does not move."""
-    make()
-    other = Station(domain)
-    other.node.create_publisher(TwistStamped, 'cmd_vel', 1)
-    wait_until(lambda: 'see enable_stamped_cmd_vel' in said())
-    other.close()
-
-
 def test_silent_feedback_stops_the_wheels_when_asked_for(station: Station, make: Make) -> None:
     """And the next command after it has come back is driven."""
     make(stop_on_feedback_loss=0.3, cmd_vel_timeout=0)
