@@ -3,7 +3,7 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo lint test colcon consistency clean
+.PHONY: help demo lint test colcon consistency mutants fuzz soak clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -28,6 +28,15 @@ colcon:  ## build and test as a ROS workspace does
 
 consistency:  ## check the covariance against thousands of simulated drives
 	@.ci/environment test python test/consistency.py $(ARGS)
+
+mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23'
+	@.ci/environment test python test/mutants.py $(ARGS)
+
+fuzz:  ## send ten million messages through the pure modules: make fuzz ARGS='--seed 2'
+	@.ci/environment test python test/fuzz.py $(ARGS)
+
+soak:  ## drive for 15 minutes with a fault each second: make soak ARGS='--minutes 60'
+	@.ci/environment test python test/soak.py $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
 	rm -rf .venv .venv-ros .colcon build dist demo.png *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

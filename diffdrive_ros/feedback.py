@@ -132,7 +132,7 @@ class WheelFeedback:
         believed = [turn for turn in turns if turn]
         if len(believed) < len(turns):
             return None
-        for turn in believed:
+        for turn in {turn.wheel.name: turn for turn in believed}.values():  # a name may come twice
             self._believe(turn, stamp_ns)
         if not all(wheel.is_renewed for wheel in self._wheels.values()):
             return None
@@ -177,7 +177,7 @@ class WheelFeedback:
         """Let time start again with a wheel's value and stamp; its angle stays."""
         self._count('restarts of time')
         wheel.value, wheel.stamp_ns, wheel.held, wheel.held_past = value, stamp_ns, None, None
-        if self._restarted_ns is None:
+        if self._restarted_ns is None or stamp_ns < self._restarted_ns:
             self._restarted_ns = stamp_ns
         for other in self._wheels.values():
             if other.stamp_ns - stamp_ns >= JUMP_BACK_NS:

@@ -31,6 +31,15 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     return number
 
 
+@pytest.fixture(scope='module')
+def domain_of_module() -> Iterator[int]:
+    """Return a ROS domain for tests of a module that share a process."""
+    with pytest.MonkeyPatch.context() as patch:
+        number = next(_domains)
+        patch.setenv('ROS_DOMAIN_ID', str(number))
+        yield number
+
+
 @pytest.fixture
 def station(domain: int) -> Iterator[Station]:
     """Return a driver's station in the domain of the test."""

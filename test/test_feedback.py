@@ -146,6 +146,12 @@ def test_a_message_with_one_wheel_bad_is_dropped_as_a_whole(two_wheels):
     assert two_wheels.update(*positions_of(left=3.0), 10) == WheelSample(3.0, 2.0, 10)
 
 
+def test_a_joint_that_is_named_twice_turns_once(two_wheels):
+    two_wheels.update(*positions_of(left=0.0, right=0.0), 1)
+    sample = two_wheels.update(['left', 'right', 'left'], [1.0, 1.0, 1.0], [], 2)
+    assert (sample.left, sample.right) == (1.0, 1.0)
+
+
 def test_a_complaint_is_about_the_last_message_of_our_wheels(two_wheels):
     two_wheels.update(['left'], [], [], 7)
     two_wheels.update(*positions_of(arm=1.0), 8)
