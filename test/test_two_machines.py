@@ -52,7 +52,7 @@ def station(hosts: Hosts) -> Program:
 def link(hosts: Hosts, robot: Program, station: Program) -> Iterator[Hosts]:
     """Return the hosts while the station drives; in the end, check the odometry of it all."""
     station.say('0.3 0.7')
-    wait_until(lambda: is_driving(robot) and station.heard['odom'])
+    wait_until(lambda: is_driving(robot) and robot.heard['cmd_vel'] and station.heard['odom'])
     yield hosts
     hosts.set_cable()
     station.say('0.0 0.0')
