@@ -63,11 +63,6 @@ class CommandPath:
         return self._received_ns is not None
 
     @property
-    def received_ns(self) -> int | None:
-        """Return when the last command came [ns], None before the first."""
-        return self._received_ns
-
-    @property
     def complaint(self) -> str:
         """Return why the wheels are stopped, for a person to read; '' when they are not."""
         return ', '.join(sorted(self.holds)) or self._complaint

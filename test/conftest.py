@@ -3,9 +3,11 @@ from collections.abc import Callable, Iterator
 import itertools
 import os
 
+from diffdrive_ros.odometry_node import OdometryNode
 from hypothesis import settings
 import pytest
-from station import Process, Station
+from rclpy.parameter import Parameter
+from station import GEOMETRY, Process, Station
 
 settings.register_profile('suite', deadline=None, derandomize=True)
 settings.load_profile('suite')
@@ -60,3 +62,26 @@ def start(domain: int) -> Iterator[Callable[..., Process]]:
     yield start_process
     for process in processes:
         process.close()
+
+
+@pytest.fixture
+def make(station: Station) -> Callable[..., OdometryNode]:
+    """Return a function that runs odometry here, on the test's robot; a__b is parameter a.b."""
+    def make_node(namespace: str = '', **parameters: object) -> OdometryNode:
+        overrides = [Parameter(name.replace('__', '.'), value=value) for name, value in (
+            GEOMETRY | parameters).items()]
+        return station.add(OdometryNode(
+            context=station.context, namespace=namespace, parameter_overrides=overrides))
+    return make_node
+
+
+@pytest.fixture
+def said(capfd: pytest.CaptureFixture) -> Callable[[], str]:
+    """Return a function that returns what was logged until now."""
+    log: list[str] = []
+
+    def read() -> str:
+        log.append(capfd.readouterr().err)
+        return ''.join(log)
+
+    return read

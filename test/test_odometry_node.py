@@ -14,7 +14,6 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersA
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from station import (
-    GEOMETRY,
     joints,
     LEFT_RADIUS,
     RIGHT_RADIUS,
@@ -31,16 +30,6 @@ START_NS = 1_700_000_000 * 10**9 + 987_654_321  # a float of it is off by a tent
 STEP_NS = 20_000_001
 
 Make = Callable[..., OdometryNode]
-
-
-@pytest.fixture
-def make(station: Station) -> Make:
-    """Return a function that runs the node with some parameters, on the test's robot."""
-    def make_node(**parameters: object) -> OdometryNode:
-        overrides = [Parameter(name, value=value) for name, value in (
-            GEOMETRY | parameters).items()]
-        return station.add(OdometryNode(context=station.context, parameter_overrides=overrides))
-    return make_node
 
 
 def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]:

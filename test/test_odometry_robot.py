@@ -16,7 +16,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from station import (
-    GEOMETRY,
     joints,
     LEFT_RADIUS,
     RIGHT_RADIUS,
@@ -31,28 +30,6 @@ from std_srvs.srv import SetBool, Trigger
 DRIVE = DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS)
 
 Make = Callable[..., OdometryNode]
-
-
-@pytest.fixture
-def make(station: Station) -> Make:
-    """Return a function that runs the node with some parameters, on the test's robot."""
-    def make_node(**parameters: object) -> OdometryNode:
-        overrides = [Parameter(name.replace('__', '.'), value=value) for name, value in (
-            GEOMETRY | parameters).items()]
-        return station.add(OdometryNode(context=station.context, parameter_overrides=overrides))
-    return make_node
-
-
-@pytest.fixture
-def said(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture) -> Callable[[], str]:
-    """Return a function that returns what was logged until now."""
-    log = []
-
-    def read() -> str:
-        log.append(capfd.readouterr().err)
-        return ''.join(log)
-
-    return read
 
 
 def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.count:

@@ -16,11 +16,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 import mutants
 from nav_msgs.msg import Odometry
 import pytest
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from station import (
-    GEOMETRY,
     joints,
     LEFT_RADIUS,
     RIGHT_RADIUS,
@@ -36,29 +34,6 @@ MS = 1_000_000  # [ns]
 
 Make = Callable[..., OdometryNode]
 Said = Callable[[], str]
-
-
-@pytest.fixture
-def make(station: Station) -> Make:
-    """Return a function that runs the node with some parameters, on the test's robot."""
-    def make_node(namespace: str = '', **parameters: object) -> OdometryNode:
-        overrides = [
-            Parameter(name, value=value) for name, value in (GEOMETRY | parameters).items()]
-        return station.add(OdometryNode(
-            context=station.context, namespace=namespace, parameter_overrides=overrides))
-    return make_node
-
-
-@pytest.fixture
-def said(capfd: pytest.CaptureFixture) -> Said:
-    """Return a function that returns what was logged until now."""
-    log = []
-
-    def read() -> str:
-        log.append(capfd.readouterr().err)
-        return ''.join(log)
-
-    return read
 
 
 # Row 2: Twist and TwistStamped
