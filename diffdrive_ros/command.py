@@ -67,17 +67,28 @@ class CommandPath:
         """Return why the wheels are stopped, for a person to read; '' when they are not."""
         return ', '.join(sorted(self.holds)) or self._complaint
 
-    def accept(self, linear: float, angular: float, now_ns: int) -> None:
-        """Take a command, the forward speed [m/s] and turn rate [rad/s] of the body."""
-        self._received_ns = now_ns
+    def accept(self, linear: float, angular: float, now_ns: int, late_ns: int = 0) -> None:
+        """
+        Take a command, the forward speed [m/s] and turn rate [rad/s] of the body.
+
+        late_ns [ns] is how late it comes, and how much sooner it is too old. What is too old
+        already changes nothing, but it may stop.
+        """
         self._count('commands')
         if not self._is_drivable(linear, angular):
+            self._received_ns = now_ns
             self._count('not finite')
             self._stop(f'command ({linear} m/s, {angular} rad/s): must be finite')
+        elif self.timeout and late_ns > self.timeout * 1e9 and (linear or angular):
+            self._count('late')
+            if not (self._linear or self._angular):
+                self._complaint = f'commands come {late_ns * 1e-9:.1f} s late'
         elif self.holds:
+            self._received_ns = now_ns
             self._count('held')
             self._stop('')
         else:
+            self._received_ns = now_ns - late_ns
             self._linear, self._angular, self._complaint = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:

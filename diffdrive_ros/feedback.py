@@ -22,12 +22,13 @@ LARGEST = 1e12
 # Stamps that are older than the last by less than this are out of order; by more, a new time.
 JUMP_BACK_NS = 1_000_000_000
 
+BEFORE_ALL_NS = -2**63
+
 # A velocity says nothing about what a wheel did longer ago.
 VELOCITY_HOLDS_NS = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class WheelSample:
+class WheelSample(NamedTuple):
     """The mean angle of the wheels of each side [rad], at the stamp of the newest [ns]."""
 
     left: float
@@ -37,31 +38,24 @@ class WheelSample:
     """When time has started again: the stamp [ns] in the new time of the last sample's angles."""
 
 
-@dataclass
+@dataclass(slots=True)
 class _Wheel:
     name: str
     direction: int
     value: float = 0.0
     """The last position that was believed [rad], as the joint gives it."""
-    stamp_ns: int = 0
+    stamp_ns: int = BEFORE_ALL_NS
     """When that was."""
     angle: float = 0.0
     """How far the wheel has turned forward [rad], continuous from its first value on."""
-    is_known: bool = False
-    is_renewed: bool = False
     held: tuple[float, int] | None = None
     """A position that cannot be, and its stamp, until the next tells what it was."""
     held_past: tuple[float, int] | None = None
     """A position from the past, and its stamp, until the next tells whether time restarted."""
 
 
-class _Turn(NamedTuple):
-    """What one value says of a wheel: how far it turned [rad], and what was special about it."""
-
-    wheel: _Wheel
-    value: float
-    turned: float
-    event: str = ''
+_Turn = tuple[_Wheel, float, float, str]
+"""What a value says: of which wheel, the value, the new angle [rad], what was special about it."""
 
 
 @dataclass
@@ -92,12 +86,17 @@ class WheelFeedback:
         self._left = [_Wheel(name, self.left_direction) for name in self.left_names]
         self._right = [_Wheel(name, self.right_direction) for name in self.right_names]
         self._wheels = {wheel.name: wheel for wheel in (*self._left, *self._right)}
+        self._renewed: set[str] = set()
+        # With nothing to hold it against, a position that is newer is believed.
+        self._takes_all = (
+            self.position_feedback and self.encoder_wrap is None
+            and self.max_plausible_speed is None)
         self._restarted_ns: int | None = None
 
     @property
     def waits_for(self) -> list[str]:
         """Return the wheels without which the next sample is not complete."""
-        return [wheel.name for wheel in self._wheels.values() if not wheel.is_renewed]
+        return [name for name in self._wheels if name not in self._renewed]
 
     def update(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
@@ -111,50 +110,73 @@ class WheelFeedback:
         message carries the motion.
         """
         values = positions if self.position_feedback else velocities
-        turns: list[_Turn | None] = []
-        for index, name in enumerate(names):
+        is_whole = True
+        turns: list[_Turn] = []
+        for name, value in zip(names, values, strict=False):
             wheel = self._wheels.get(name)
-            if wheel is None:
-                continue
-            if not turns:
-                self.complaint = ''
-            if index >= len(values):
-                self._complain_of_missing(name, has_velocity=index < len(velocities))
-                turns.append(None)
-            elif not abs(values[index]) < LARGEST:
-                self._count('not finite')
-                self.complaint = f'{name} = {values[index]}: must be finite and below {LARGEST:g}'
-                turns.append(None)
-            else:
-                turns.append(self._turn_to(wheel, float(values[index]), stamp_ns))
+            if wheel:
+                if is_whole and not turns:
+                    self.complaint = ''
+                turn = self._turn_to(wheel, value, stamp_ns)
+                if turn:
+                    turns.append(turn)
+                else:
+                    is_whole = False
+        if len(values) < len(names) and self._misses(names, len(values), len(velocities)):
+            is_whole = False
+        if not is_whole:
+            return None
         if not turns:
             self._count('without our wheels')
-        believed = [turn for turn in turns if turn]
-        if len(believed) < len(turns):
             return None
-        for turn in {turn.wheel.name: turn for turn in believed}.values():  # a name may come twice
-            self._believe(turn, stamp_ns)
-        if not all(wheel.is_renewed for wheel in self._wheels.values()):
+        for wheel, value, angle, event in turns:
+            if event:
+                self._count(event)
+            wheel.value, wheel.angle, wheel.stamp_ns = value, angle, stamp_ns
+            wheel.held = None
+            self._renewed.add(wheel.name)
+        if len(self._renewed) < len(self._wheels):
             return None
         return self._sample()
 
+    def refuse(self, complaint: str) -> None:
+        """Take note of a message that cannot be read, and why."""
+        self._count('unreadable')
+        self.complaint = complaint
+
     def _sample(self) -> WheelSample:
-        self._count('samples')
-        for wheel in self._wheels.values():
-            wheel.is_renewed = False
-        newest_ns = max(wheel.stamp_ns for wheel in self._wheels.values())
+        self.counts['samples'] += 1
+        self._renewed.clear()
         restarted_ns, self._restarted_ns = self._restarted_ns, None
+        left = right = 0.0
+        newest_ns = self._left[0].stamp_ns
+        for wheel in self._left:
+            left += wheel.angle
+            if wheel.stamp_ns > newest_ns:
+                newest_ns = wheel.stamp_ns
+        for wheel in self._right:
+            right += wheel.angle
+            if wheel.stamp_ns > newest_ns:
+                newest_ns = wheel.stamp_ns
         return WheelSample(
-            _mean_angle(self._left), _mean_angle(self._right), newest_ns, restarted_ns)
+            left / len(self._left), right / len(self._right), newest_ns, restarted_ns)
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
-        """Return what a finite value says of a wheel, None if it cannot be believed."""
-        if wheel.is_known and not self._is_newer(wheel, value, stamp_ns):
+        """Return what a value says of a wheel, None if it cannot be believed."""
+        if (self._takes_all and stamp_ns > wheel.stamp_ns and wheel.held_past is None
+                and abs(value) < LARGEST):
+            return wheel, value, wheel.angle + wheel.direction * (value - wheel.value), ''
+        if not abs(value) < LARGEST:
+            self._count('not finite')
+            self.complaint = f'{wheel.name} = {value}: must be finite and below {LARGEST:g}'
+            return None
+        is_known = wheel.stamp_ns != BEFORE_ALL_NS
+        if is_known and not self._is_newer(wheel, value, stamp_ns):
             return None
         if not self.position_feedback:
             return self._turn_at(wheel, value, stamp_ns)
-        if not wheel.is_known:
-            return _Turn(wheel, value, value)
+        if not is_known:
+            return _turn(wheel, value, value)
         return self._plausible_turn(wheel, value, stamp_ns)
 
     def _is_newer(self, wheel: _Wheel, value: float, stamp_ns: int) -> bool:
@@ -181,19 +203,19 @@ class WheelFeedback:
             self._restarted_ns = stamp_ns
         for other in self._wheels.values():
             if other.stamp_ns - stamp_ns >= JUMP_BACK_NS:
-                other.is_renewed = False  # by what was heard of it in the old time
+                self._renewed.discard(other.name)  # what was heard of it is of the old time
 
     def _plausible_turn(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         turned = self._turned(wheel.value, value)
         if self._is_plausible(turned, stamp_ns - wheel.stamp_ns):
             if wheel.held:
-                return _Turn(wheel, value, turned, 'glitches')
+                return _turn(wheel, value, turned, 'glitches')
             is_wrap = abs(value - wheel.value) > 1.5 * abs(turned)
-            return _Turn(wheel, value, turned, 'wraps' if is_wrap else '')
+            return _turn(wheel, value, turned, 'wraps' if is_wrap else '')
         if wheel.held:
             turned = self._turned(wheel.held[0], value)
             if self._is_plausible(turned, stamp_ns - wheel.held[1]):
-                return _Turn(wheel, value, turned, 'counter resets')
+                return _turn(wheel, value, turned, 'counter resets')
         wheel.held = (value, stamp_ns)
         self.complaint = (
             f'{wheel.name} went from {wheel.value:g} to {value:g} rad in '
@@ -216,35 +238,33 @@ class WheelFeedback:
             self.complaint = f'{wheel.name} at {speed:g} rad/s: above max_plausible_wheel_speed'
             return None
         elapsed_ns = stamp_ns - wheel.stamp_ns
-        if not wheel.is_known:
-            return _Turn(wheel, 0.0, 0.0)
+        if wheel.stamp_ns == BEFORE_ALL_NS:
+            return _turn(wheel, 0.0, 0.0)
         if elapsed_ns > VELOCITY_HOLDS_NS:
             self.complaint = (f'{wheel.name} had no velocity for {elapsed_ns * 1e-9:g} s: what it '
                               'did meanwhile is lost')
-            return _Turn(wheel, 0.0, 0.0, 'gaps')
-        return _Turn(wheel, 0.0, speed * elapsed_ns * 1e-9)
+            return _turn(wheel, 0.0, 0.0, 'gaps')
+        return _turn(wheel, 0.0, speed * elapsed_ns * 1e-9)
 
-    def _believe(self, turn: _Turn, stamp_ns: int) -> None:
-        wheel = turn.wheel
-        if turn.event:
-            self._count(turn.event)
-        wheel.angle += wheel.direction * turn.turned
-        wheel.value, wheel.stamp_ns, wheel.held = turn.value, stamp_ns, None
-        wheel.is_known = wheel.is_renewed = True
-
-    def _complain_of_missing(self, name: str, has_velocity: bool) -> None:
-        self._count('without a value')
-        if self.position_feedback and has_velocity:
-            self.complaint = (
-                'the wheels have velocities but no positions: set position_feedback to false, or '
-                'let the driver publish positions')
-        else:
-            missing = 'position' if self.position_feedback else 'velocity'
-            self.complaint = f'{name} has no {missing}'
+    def _misses(self, names: Sequence[str], value_count: int, velocity_count: int) -> bool:
+        """Return whether a message names wheels of ours without a value, and complain of them."""
+        is_missing = False
+        for index in range(value_count, len(names)):
+            if names[index] in self._wheels:
+                is_missing = True
+                self._count('without a value')
+                if self.position_feedback and index < velocity_count:
+                    self.complaint = (
+                        'the wheels have velocities but no positions: set position_feedback to '
+                        'false, or let the driver publish positions')
+                else:
+                    missing = 'position' if self.position_feedback else 'velocity'
+                    self.complaint = f'{names[index]} has no {missing}'
+        return is_missing
 
     def _count(self, what: str) -> None:
         self.counts[what] += 1
 
 
-def _mean_angle(wheels: Sequence[_Wheel]) -> float:
-    return sum(wheel.angle for wheel in wheels) / len(wheels)
+def _turn(wheel: _Wheel, value: float, turned: float, event: str = '') -> _Turn:
+    return wheel, value, wheel.angle + wheel.direction * turned, event

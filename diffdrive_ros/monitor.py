@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 LONGEST_SILENCE = 2.0  # [s] without a sample of the wheels until it is said
 MOST_NAMES = 20  # of joints that are not ours, in a message
+MOST_COMMANDERS = 100  # that are remembered: they may come back after a broken link
 
 
 class Monitor:
@@ -22,27 +23,36 @@ class Monitor:
     ) -> None:
         self._node, self._config, self._is_example = node, config, is_example
         self._feedback, self._command = feedback, command
-        self._sampled_at = self._looked_at = time.monotonic()
+        self.sampled_at = self._looked_at = time.monotonic()
+        """When the last sample of the wheels was taken, on the monotonic clock."""
         self._samples_then = self._commands_then = 0
         self._names: set[str] = set()
+        self._commanders: dict[bytes, None] = {}
         self._said: set[str] = set()
         self._sender = DiagnosticsSender(node)
         node.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def sampled(self) -> None:
-        """Take note of a sample of the wheels."""
-        self._sampled_at = time.monotonic()
 
     def heard_in_vain(self, names: Sequence[str]) -> None:
         """Take note of a joint message that completed no sample."""
         if len(self._names) < MOST_NAMES:
             self._names.update(names)
 
+    def has_new_commander(self) -> bool:
+        """Return whether somebody publishes cmd_vel who was not there at the last look."""
+        ends = self._node.get_publishers_info_by_topic('cmd_vel')
+        known = len(self._commanders)
+        self._commanders |= {bytes(end.endpoint_gid): None for end in ends}
+        is_new = len(self._commanders) > known
+        while len(self._commanders) > MOST_COMMANDERS:
+            del self._commanders[next(iter(self._commanders))]
+        return is_new
+
     def silence(self) -> float:
         """Return how long ago the last sample of the wheels was, or the start [s]."""
-        return time.monotonic() - self._sampled_at
+        return time.monotonic() - self.sampled_at
 
     def _look(self) -> None:
+        self.has_new_commander()
         self._look_at_publishers()
         now = time.monotonic()
         elapsed, self._looked_at = now - self._looked_at, now

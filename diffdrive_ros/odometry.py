@@ -154,7 +154,11 @@ LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
 Column = tuple[float, float, float]
 """A derivative of the pose [x, y, theta] in the odom frame."""
 Triangle = tuple[float, float, float, float, float, float]
-"""The upper triangle of a pose's covariance in the odom frame: xx, xy, xt, yy, yt, tt."""
+"""The upper triangle of a covariance of [x, y, theta] or its rates: xx, xy, xt, yy, yt, tt."""
+
+
+Estimate = tuple[Column, Triangle, tuple[float, float], Triangle]
+"""Pose and its covariance, twist [v_x, omega] and the covariance of [v_x, v_y, omega]."""
 
 
 class Odometry:
@@ -175,7 +179,8 @@ class Odometry:
             raise ValueError(f'window = {window!r}: must be an integer of 1 or more')
         self.drive = drive
         self.noise = noise or WheelNoise()
-        self.geometry_uncertainty = geometry_uncertainty or GeometryUncertainty()
+        self._known = geometry_uncertainty or GeometryUncertainty()
+        self._is_exact = self._known == GeometryUncertainty()
         # Stamp, wheel angles, and the sums until then of the variances that _drive_arc returns.
         self._samples: deque[tuple[int, float, float, float, float, float]] = deque(
             maxlen=window + 1)
@@ -240,9 +245,8 @@ class Odometry:
     @property
     def twist(self) -> Array:
         """Return the mean body twist [v_x, 0, omega] of the window, (3,); exactly zero at rest."""
-        left, right, _, _, _, seconds = self._window()
-        linear, angular = self._distance_and_turn(left, right)
-        return np.array([linear / seconds, 0.0, angular / seconds])
+        _, _, (linear, angular), _ = self.estimate()
+        return np.array([linear, 0.0, angular])
 
     @property
     def pose_covariance(self) -> Array:
@@ -251,14 +255,54 @@ class Odometry:
 
         That of the noise, and S diag(deviations^2) S^T of the geometry, S its sensitivity.
         """
-        known, covariance = self.geometry_uncertainty, self._noise_covariance
-        for deviation, column in (
-                (known.wheel_separation, self._by_separation),
-                (known.left_wheel_radius, self._by_left_radius),
-                (known.right_wheel_radius, self._by_right_radius)):
-            covariance = _spread(covariance, deviation * deviation, column)
-        xx, xy, xt, yy, yt, tt = covariance
-        return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+        _, covariance, _, _ = self.estimate()
+        return _matrix(covariance)
+
+    @property
+    def twist_covariance(self) -> Array:
+        """
+        Return the covariance of the twist, (3, 3), order v_x, v_y, omega, never below a floor.
+
+        From the noise of the travel in the window and the uncertain geometry; sideways slip is
+        taken to be as large as slip along, since wheels that lose their grip lose it in both
+        directions.
+        """
+        _, _, _, covariance = self.estimate()
+        return _matrix(covariance)
+
+    def estimate(self) -> Estimate:
+        """Return all of the above in plain floats, as a message wants it, in one go."""
+        covariance = self._noise_covariance
+        if not self._is_exact:
+            for deviation, column in (
+                    (self._known.wheel_separation, self._by_separation),
+                    (self._known.left_wheel_radius, self._by_left_radius),
+                    (self._known.right_wheel_radius, self._by_right_radius)):
+                covariance = _spread(covariance, deviation * deviation, column)
+        left, right, var_left, var_right, var_turn, seconds = self._window()
+        distance, turn = self._distance_and_turn(left, right)
+        return (
+            (self._x, self._y, self._theta), covariance, (distance / seconds, turn / seconds),
+            self._twist_covariance(left, right, turn, var_left, var_right, var_turn, seconds))
+
+    def _twist_covariance(
+        self, left: float, right: float, turn: float, var_left: float, var_right: float,
+        var_turn: float, seconds: float,
+    ) -> Triangle:
+        """Return the twist's covariance from a window's angles [rad], turn, variances, length."""
+        separation = self.drive.wheel_separation
+        sideways = 0.25 * (var_left + var_right)
+        if not self._is_exact:  # a wrong radius is wrong travel; a wrong separation, wrong turns
+            var_left += (self._known.left_wheel_radius * left)**2
+            var_right += (self._known.right_wheel_radius * right)**2
+            var_turn += (self._known.wheel_separation * turn / separation)**2
+        along = 0.25 * (var_left + var_right)
+        cross = 0.5 * (var_right - var_left) / separation
+        turning = (var_left + var_right) / (separation * separation) + var_turn
+        rate, least = 1.0 / (seconds * seconds), LEAST_TWIST_VARIANCE
+        return (
+            rate * along + least, 0.0, rate * cross, rate * sideways + least, 0.0,
+            rate * turning + least)
 
     @property
     def geometry_sensitivity(self) -> Array:
@@ -270,40 +314,16 @@ class Odometry:
         """
         return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
 
-    @property
-    def twist_covariance(self) -> Array:
-        """
-        Return the covariance of the twist, (3, 3), order v_x, v_y, omega, never below a floor.
-
-        From the noise of the travel in the window and the uncertain geometry; sideways slip is
-        taken to be as large as slip along, since wheels that lose their grip lose it in both
-        directions.
-        """
-        left, right, var_left, var_right, var_turn, seconds = self._window()
-        known, separation = self.geometry_uncertainty, self.drive.wheel_separation
-        _, turn = self._distance_and_turn(left, right)
-        sideways = 0.25 * (var_left + var_right)
-        # A wrong radius is wrong travel; a wrong separation makes wrong turns.
-        var_left += (known.left_wheel_radius * left)**2
-        var_right += (known.right_wheel_radius * right)**2
-        var_turn += (known.wheel_separation * turn / separation)**2
-        along = 0.25 * (var_left + var_right)
-        cross = 0.5 * (var_right - var_left) / separation
-        turning = (var_left + var_right) / separation**2 + var_turn
-        rate, least = 1.0 / seconds**2, LEAST_TWIST_VARIANCE
-        return np.array([
-            [rate * along + least, 0.0, rate * cross],
-            [0.0, rate * sideways + least, 0.0],
-            [rate * cross, 0.0, rate * turning + least]])
-
     def _window(self) -> tuple[float, ...]:
         """Return what the window added to each wheel's angle and variance, and its length [s]."""
         if len(self._samples) < 2:
             return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
-        first_ns, *first = self._samples[0]
-        last_ns, *last = self._samples[-1]
-        added = (new - old for new, old in zip(last, first, strict=True))
-        return *added, (last_ns - first_ns) * 1e-9
+        then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = (
+            self._samples[0])
+        now_ns, left, right, var_left, var_right, var_turn = self._samples[-1]
+        return (
+            left - left_then, right - right_then, var_left - var_left_then,
+            var_right - var_right_then, var_turn - var_turn_then, (now_ns - then_ns) * 1e-9)
 
     def _distance_and_turn(self, left: float, right: float) -> tuple[float, float]:
         """Return drive.body_twist of two plain floats, which is faster without its checks."""
@@ -317,7 +337,10 @@ class Odometry:
 
         Returns the variances of the left and right travel [m^2] and of the turn [rad^2].
         """
-        drive, noise, separation = self.drive, self.noise, self.drive.wheel_separation
+        if not (left or right):
+            return 0.0, 0.0, 0.0
+        drive, noise = self.drive, self.noise
+        separation = drive.wheel_separation
         left_travel = drive.left_wheel_radius * left
         right_travel = drive.right_wheel_radius * right
         distance = 0.5 * (right_travel + left_travel)
@@ -329,42 +352,56 @@ class Odometry:
         shrink = math.sin(half_turn) / half_turn if half_turn else 1.0
         cos, sin = math.cos(self._theta + half_turn), math.sin(self._theta + half_turn)
         dx, dy = distance * shrink * cos, distance * shrink * sin
-        # The derivatives of the new pose by the turn and by the travel of each wheel.
-        bend = 0.5 * distance * _shrink_rate(half_turn)
-        by_turn = tx, ty, _ = bend * cos - 0.5 * dy, bend * sin + 0.5 * dx, 1.0
-        along_x, along_y, rate = 0.5 * shrink * cos, 0.5 * shrink * sin, 1.0 / separation
-        by_left = along_x - rate * tx, along_y - rate * ty, -rate
-        by_right = along_x + rate * tx, along_y + rate * ty, rate
-        # The noise, P <- F P F^T + var_i u_i u_i^T, with the u_i being these derivatives.
+        # The derivatives of the new pose by the distance, a = (ax, ay, 0), and by the turn,
+        # t = (tx, ty, 1); F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that by the old pose.
+        ax, ay = shrink * cos, shrink * sin
+        bend = distance * 0.5 * _shrink_rate(half_turn)
+        tx, ty = bend * cos - 0.5 * dy, bend * sin + 0.5 * dx
+        # The noise of the wheels, as variances of distance and turn and their covariance.
         var_left = noise.left_travel * abs(left_travel)
         var_right = noise.right_travel * abs(right_travel)
         var_turn = noise.turn * abs(turn)
-        covariance = _moved(self._noise_covariance, dx, dy)
-        covariance = _spread(covariance, var_left, by_left)
-        covariance = _spread(covariance, var_right, by_right)
-        covariance = _spread(covariance, var_turn, by_turn)
-        if not math.isfinite(covariance[0] + covariance[3] + covariance[5]):
+        v_aa = 0.25 * (var_left + var_right)
+        v_at = 0.5 * (var_right - var_left) / separation
+        v_tt = (var_left + var_right) / (separation * separation) + var_turn
+        # P <- F P F^T + v_aa a a^T + v_at (a t^T + t a^T) + v_tt t t^T.
+        p_xx, p_xy, p_xt, p_yy, p_yt, p_tt = self._noise_covariance
+        f_xt, f_yt = p_xt - dy * p_tt, p_yt + dx * p_tt
+        of_ax, of_ay = v_aa * ax + v_at * tx, v_aa * ay + v_at * ty
+        of_tx, of_ty = v_at * ax + v_tt * tx, v_at * ay + v_tt * ty
+        xx = p_xx - dy * (p_xt + f_xt) + of_ax * ax + of_tx * tx
+        yy = p_yy + dx * (p_yt + f_yt) + of_ay * ay + of_ty * ty
+        xy = p_xy + dx * f_xt - dy * p_yt + of_ax * ay + of_tx * ty
+        if not math.isfinite(xx + yy + p_tt + v_tt):
             raise ValueError(
                 f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
                 'a finite covariance')
-        self._noise_covariance = covariance
-        # The geometry, S <- F S + the step's own share: of a turn for the separation, of the
-        # travel for the radii.
-        self._by_separation = _carried(self._by_separation, dx, dy, -rate * turn, by_turn)
-        self._by_left_radius = _carried(self._by_left_radius, dx, dy, left, by_left)
-        self._by_right_radius = _carried(self._by_right_radius, dx, dy, right, by_right)
+        self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
+        # The geometry, s <- F s + along a + around t: a wrong separation makes wrong turns, and
+        # wrong radii are wrong travel.
+        x, y, theta = self._by_separation
+        around = -turn / separation
+        self._by_separation = (
+            x - dy * theta + around * tx, y + dx * theta + around * ty, theta + around)
+        x, y, theta = self._by_left_radius
+        along, around = 0.5 * left, -left / separation
+        self._by_left_radius = (
+            x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
+            theta + around)
+        x, y, theta = self._by_right_radius
+        along, around = 0.5 * right, right / separation
+        self._by_right_radius = (
+            x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
+            theta + around)
         self._x += dx
         self._y += dy
         self._theta += turn
         return var_left, var_right, var_turn
 
 
-def _moved(covariance: Triangle, dx: float, dy: float) -> Triangle:
-    """Return F P F^T: what a move makes of P, F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]]."""
+def _matrix(covariance: Triangle) -> Array:
     xx, xy, xt, yy, yt, tt = covariance
-    return (
-        xx - 2.0 * dy * xt + dy * dy * tt, xy + dx * xt - dy * yt - dx * dy * tt, xt - dy * tt,
-        yy + 2.0 * dx * yt + dx * dx * tt, yt + dx * tt, tt)
+    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
 
 
 def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:
@@ -373,12 +410,6 @@ def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:
     x, y, theta = by
     vx, vy, vt = variance * x, variance * y, variance * theta
     return xx + vx * x, xy + vx * y, xt + vx * theta, yy + vy * y, yt + vy * theta, tt + vt * theta
-
-
-def _carried(column: Column, dx: float, dy: float, size: float, by: Column) -> Column:
-    """Return F s + size u: what a move makes of a derivative s, and adds to it."""
-    (x, y, theta), (u_x, u_y, u_theta) = column, by
-    return x - dy * theta + size * u_x, y + dx * theta + size * u_y, theta + size * u_theta
 
 
 def _shrink_rate(half_turn: float) -> float:

@@ -10,11 +10,14 @@ from diffdrive_ros import parameters, spinning
 from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.config import Config, say_unknown_names, SPECS
 from diffdrive_ros.feedback import WheelFeedback
+from diffdrive_ros.lateness import Lateness
+from diffdrive_ros.message_info import with_sent_ns
 from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odometry import Odometry
-from diffdrive_ros.odometry_message import OdometryWriter, read_pose
+from diffdrive_ros.pose_message import read_pose
 from diffdrive_ros.transforms import TransformSender
 from diffdrive_ros.wheel_commands import NEWEST_ONLY, of_each, SENDERS
+from diffdrive_ros.wire import JointStateReader, OdometryWriter, WireError
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock, ClockType
@@ -30,13 +33,10 @@ FROM_ANY_DRIVER = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
 
 LONGEST_WITHOUT_CLOCK = 1.0  # [s] until a /clock that stands still is a timeout
 LONGEST_LAST_WORD = 0.5  # [s] that the node waits for drivers to acknowledge its last zero
-LONGEST_PAUSE = 0.25  # [s] without the timer: the process was held up, or is flooded
-DISTRUST = 0.25  # [s] after a pause in which commands may be older than it
 
 DISABLED = 'disabled by ~/enable'
 NO_FEEDBACK = 'joint_states are silent'
 NO_CLOCK = '/clock stands still'
-PAUSED = 'this process is behind'
 
 
 class OdometryNode(Node):
@@ -68,14 +68,16 @@ class OdometryNode(Node):
             config.angular_limits, 1.0 / config.command_rate, config.left_wheel_direction,
             config.right_wheel_direction)
         parameters.follow_changes(self, SPECS, self._config_of, self._apply)
+        self._reader = JointStateReader((*config.left_wheel_names, *config.right_wheel_names))
+        self._lateness = Lateness()
         self._sent = STOP
         self._is_commanding = False
         self._other_axes_said = False
         self._command_complaint = self._feedback_complaint = ''
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
-        # Of the timer's work, of the timer itself, and until when commands may be old; monotonic.
-        self._ticked_at = self._timer_seen_at = math.inf
-        self._distrust_until = 0.0
+        self._ticked_at = math.inf  # on the monotonic clock
+        # When messages come faster than they are read, the timer's work is done between them.
+        self._overdue = 2.0 * self._command.period
         self._odom_due_ns: int | None = None
         self._create_publishers(config)
         self._create_subscriptions(config)
@@ -120,13 +122,14 @@ class OdometryNode(Node):
             clock=Clock(clock_type=ClockType.STEADY_TIME))
         if config.enable_stamped_cmd_vel:
             self.create_subscription(
-                TwistStamped, 'cmd_vel', self._on_twist_stamped, NEWEST_ONLY)
+                TwistStamped, 'cmd_vel', with_sent_ns(self._on_twist_stamped), NEWEST_ONLY)
         else:
-            self.create_subscription(Twist, 'cmd_vel', self._on_twist, NEWEST_ONLY)
+            self.create_subscription(
+                Twist, 'cmd_vel', with_sent_ns(self._on_twist), NEWEST_ONLY)
         if not config.open_loop:
             self._timer.cancel()  # until the first command: an idle node costs nothing
             self.create_subscription(
-                JointState, 'joint_states', self._on_joint_states, FROM_ANY_DRIVER,
+                JointState, 'joint_states', self._on_joint_states, FROM_ANY_DRIVER, raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.create_subscription(
             PoseWithCovarianceStamped, '~/set_pose', self._on_set_pose, QoSProfile(depth=10))
@@ -174,10 +177,10 @@ class OdometryNode(Node):
         self._command.linear_limits = config.linear_limits
         self._command.angular_limits = config.angular_limits
 
-    def _on_twist_stamped(self, message: Any) -> None:
-        self._on_twist(message.twist)
+    def _on_twist_stamped(self, message: Any, sent_ns: int) -> None:
+        self._on_twist(message.twist, sent_ns)
 
-    def _on_twist(self, twist: Any) -> None:
+    def _on_twist(self, twist: Any, sent_ns: int) -> None:
         linear, angular = twist.linear, twist.angular
         if not self._other_axes_said and (
                 linear.y or linear.z or angular.x or angular.y):
@@ -185,34 +188,24 @@ class OdometryNode(Node):
             self.get_logger().warning(
                 'cmd_vel asks for more than linear.x and angular.z: no wheel can do that, it is '
                 'ignored')
-        self._keep_time()
-        self._command.accept(linear.x, angular.z, self._command_ns())
+        now = time.monotonic()
+        if now - self._ticked_at > self._overdue:
+            self._tick(now)
+        late_ns = self._lateness.of(
+            sent_ns, time.monotonic_ns(), self._monitor.has_new_commander)
+        self._command.accept(linear.x, angular.z, self._command_ns(), late_ns)
         self._start_commanding()
 
     def _start_commanding(self) -> None:
         self._is_commanding = True
         if self._timer.is_canceled():
             self._timer.reset()
-            self._ticked_at = self._timer_seen_at = time.monotonic()
-
-    def _keep_time(self) -> None:
-        """Do the timer's work if it is late, because messages come faster than they are read."""
-        now = time.monotonic()
-        if now - self._ticked_at > 2.0 * self._command.period:
-            self._distrust_if_late(now)
-            self._tick(now)
+            self._ticked_at = time.monotonic()
 
     def _on_timer(self) -> None:
         now = time.monotonic()
-        self._distrust_if_late(now)
-        self._timer_seen_at = now
         if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see _keep_time
             self._tick(now)
-
-    def _distrust_if_late(self, now: float) -> None:
-        """Take no commands for a while if what waits for this process has waited for long."""
-        if now - self._timer_seen_at > max(LONGEST_PAUSE, 3.0 * self._command.period):
-            self._distrust_until = now + DISTRUST
 
     def _command_ns(self) -> int:
         """Return the time in which commands age [ns]: simulation time, or a steady clock's."""
@@ -232,7 +225,7 @@ class OdometryNode(Node):
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
             speeds = of_each(joints, self._sent.left, self._sent.right)
             self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
-        self._hold(PAUSED, now < self._distrust_until)
+            self._monitor.sampled_at = now
         self._hold(NO_CLOCK, self._clock_stands_still(now_ns))
         self._hold(NO_FEEDBACK, self._feedback_is_lost())
         self._sent = self._command.step(now_ns)
@@ -267,53 +260,63 @@ class OdometryNode(Node):
         longest = self._config.stop_on_feedback_loss
         return bool(longest) and self._monitor.silence() > longest
 
-    def _on_joint_states(self, joints: JointState) -> None:
-        self._keep_time()
-        stamp = joints.header.stamp
-        if not (stamp.sec or stamp.nanosec):
+    def _on_joint_states(self, payload: bytes) -> None:
+        now = time.monotonic()
+        if now - self._ticked_at > self._overdue:
+            self._tick(now)
+        try:
+            names, positions, velocities, stamp_ns, all_names = self._reader.read(payload)
+        except WireError as error:
+            self._feedback.refuse(f'unreadable: {error}')
+            self._say_feedback_complaint()
+            return
+        if not stamp_ns:
             self.get_logger().warning(
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
-            stamp = self._now()
-        self._on_wheels(joints.name, joints.position, joints.velocity, _nanoseconds(stamp))
+            stamp_ns = self.get_clock().now().nanoseconds
+        if self._on_wheels(names, positions, velocities, stamp_ns):
+            self._monitor.sampled_at = now
+        else:
+            self._monitor.heard_in_vain(all_names)
 
     def _on_wheels(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
         stamp_ns: int, odom_ns: int | None = None,
-    ) -> None:
-        """Take what the wheels did; odom_ns is the stamp of odom if it is not the sample's own."""
+    ) -> bool:
+        """
+        Take what the wheels did; return whether that was a sample of all.
+
+        odom_ns is the stamp of odom if it is not the sample's own.
+        """
         sample = self._feedback.update(names, positions, velocities, stamp_ns)
         if self._feedback.complaint != self._feedback_complaint:
-            self._feedback_complaint = self._feedback.complaint
-            if self._feedback_complaint:
-                self.get_logger().warning(
-                    f'joint_states: {self._feedback_complaint}', throttle_duration_sec=1.0)
+            self._say_feedback_complaint()
         if sample is None:
-            self._monitor.heard_in_vain(names)
-            return
-        self._monitor.sampled()
-        if sample.restarted_ns is not None:
-            self._odometry.restart(sample.restarted_ns)
+            return False
+        left, right, stamp_ns, restarted_ns = sample
+        if restarted_ns is not None:
+            self._odometry.restart(restarted_ns)
             self._odom_due_ns = None
-        if self._odometry.update(sample.left, sample.right, sample.stamp_ns):
-            self._publish_odometry(sample.stamp_ns if odom_ns is None else odom_ns)
+        if self._odometry.update(left, right, stamp_ns):
+            self._publish_odometry(stamp_ns if odom_ns is None else odom_ns)
+        return True
+
+    def _say_feedback_complaint(self) -> None:
+        self._feedback_complaint = self._feedback.complaint
+        if self._feedback_complaint:
+            self.get_logger().warning(
+                f'joint_states: {self._feedback_complaint}', throttle_duration_sec=1.0)
 
     def _publish_odometry(self, stamp_ns: int) -> None:
-        if not self._is_due(stamp_ns):
+        if self._config.publish_rate and not self._is_due(stamp_ns):
             return
-        odometry, message = self._odometry, self._writer.message
-        self._writer.fill(
-            stamp_ns, odometry.pose, odometry.twist, odometry.pose_covariance,
-            odometry.twist_covariance)
-        self._odom_publisher.publish(message)
+        estimate = self._odometry.estimate()
+        self._odom_publisher.publish(self._writer.write(stamp_ns, estimate))
         if self._transforms:
-            pose = message.pose.pose
-            self._transforms.send(
-                message.header.stamp, pose.position.x, pose.position.y, pose.orientation)
+            self._transforms.send(stamp_ns, *estimate[0])
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether odom is to be published for a stamp, at publish_rate."""
-        if not self._config.publish_rate:
-            return True
         period_ns = round(1e9 / self._config.publish_rate)
         if self._odom_due_ns is None or stamp_ns >= self._odom_due_ns + period_ns:
             self._odom_due_ns = stamp_ns

@@ -6,6 +6,7 @@ say a last word (stop the wheels) and be sure that it was heard.
 """
 import argparse
 from collections.abc import Callable, Sequence
+import os
 import signal
 import socket
 import sys
@@ -13,11 +14,14 @@ import threading
 from typing import TypeVar
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+
+EXECUTOR_VARIABLE = 'DIFFDRIVE_EXECUTOR'
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
@@ -46,6 +50,7 @@ def run(
     try:
         refuse_other_arguments(name, description, arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        executor = make_executor()
         node = make_node()
     except START_ERRORS as error:
         what = '' if isinstance(error, StartError) else f'cannot start: {type(error).__name__}: '
@@ -53,7 +58,7 @@ def run(
         rclpy.try_shutdown()
         return 1
     try:
-        _spin(node, last_words, stop)
+        _spin(executor, node, last_words, stop)
     finally:
         rclpy.try_shutdown()
     return 0
@@ -72,19 +77,32 @@ def has_parameter_file(arguments: Sequence[str] | None = None) -> bool:
     return '--params-file' in (sys.argv if arguments is None else arguments)
 
 
-def make_executor() -> Executor:
-    """Return the cheapest executor that this rclpy has."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+def make_executor(context: Context | None = None) -> Executor:
+    """
+    Return the executor that DIFFDRIVE_EXECUTOR names, else the cheapest that this rclpy has.
+
+    Raises StartError for a name that is none, and for an executor that this rclpy does not have.
+    """
+    name = os.environ.get(EXECUTOR_VARIABLE, '')
+    if name not in ('', 'events', 'single_threaded'):
+        raise StartError(
+            f'cannot start: {EXECUTOR_VARIABLE} = {name!r}: must be events or single_threaded')
+    if name != 'single_threaded':
+        try:
+            from rclpy.experimental import EventsExecutor
+        except ImportError:
+            if name:
+                raise StartError(
+                    f'cannot start: {EXECUTOR_VARIABLE} = {name!r}: this rclpy has none'
+                ) from None
+        else:
+            return EventsExecutor(context=context)
+    return SingleThreadedExecutor(context=context)
 
 
 def _spin(
-    node: NodeT, last_words: Callable[[NodeT], None], signals: socket.socket,
+    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None], signals: socket.socket,
 ) -> None:
-    executor = make_executor()
     executor.add_node(node)
     stop = threading.Event()
 

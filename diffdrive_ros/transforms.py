@@ -1,8 +1,5 @@
 """The transform from odom to base on /tf, where tf2_msgs is installed."""
-from typing import Any
-
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
+from diffdrive_ros.wire import TransformWriter
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -15,14 +12,8 @@ class TransformSender:
 
         # Absolute and of depth 100, as every broadcaster of transforms has it.
         self._publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
-        self._transform = TransformStamped(child_frame_id=base_frame)
-        self._transform.header.frame_id = odom_frame
-        self._message = TFMessage(transforms=[self._transform])
+        self._writer = TransformWriter(odom_frame, base_frame)
 
-    def send(self, stamp: Time, x: float, y: float, orientation: Any) -> None:
-        """Publish the transform to a pose; orientation is a quaternion message."""
-        self._transform.header.stamp = stamp
-        self._transform.transform.translation.x = x
-        self._transform.transform.translation.y = y
-        self._transform.transform.rotation = orientation
-        self._publisher.publish(self._message)
+    def send(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
+        """Publish the transform to a pose."""
+        self._publisher.publish(self._writer.write(stamp_ns, x, y, theta))

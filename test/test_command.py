@@ -4,7 +4,7 @@ import math
 
 from diffdrive_ros.command import CommandPath, STOP, WheelCommand
 from diffdrive_ros.kinematics import DiffDrive
-from hypothesis import example, given, strategies as st
+from hypothesis import assume, example, given, strategies as st
 import numpy as np
 import pytest
 from strategies import drives
@@ -211,3 +211,38 @@ def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular
     path.accept(linear, angular, BOOT_NS)
     sent = path.step(BOOT_NS)
     assert all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular)))
+
+
+@given(late_ns=st.integers(0, 10**10), timeout=st.floats(0.05, 3.0))
+def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) -> None:
+    """The timeout runs from when a command was sent, not from when it came."""
+    path = CommandPath(ROBOT, timeout)
+    path.accept(0.2, 0.1, BOOT_NS, late_ns)
+    assume(abs(late_ns - timeout * 1e9) > 2)
+    if late_ns > timeout * 1e9:
+        assert path.step(BOOT_NS) == STOP
+        assert path.counts['late'] == 1
+        assert 's late' in path.complaint
+        return
+    assert path.step(BOOT_NS).linear == pytest.approx(0.2)
+    end = BOOT_NS + round(timeout * 1e9) - late_ns
+    assert path.step(end - 2).linear == pytest.approx(0.2)
+    assert path.step(end + 2) == STOP
+
+
+def test_what_comes_too_late_does_not_drive_but_stops() -> None:
+    """A stop is taken however old it is; a drive of another driver goes on until then."""
+    path = CommandPath(ROBOT, 0.5)
+    path.accept(0.2, 0.1, BOOT_NS)
+    path.accept(-0.9, 0.0, BOOT_NS + 1, late_ns=10**9)
+    assert path.step(BOOT_NS + 2).linear == pytest.approx(0.2)
+    assert path.complaint == ''
+    path.accept(0.0, 0.0, BOOT_NS + 3, late_ns=10**9)
+    assert path.step(BOOT_NS + 4) == STOP
+
+
+def test_without_a_timeout_no_command_is_too_old() -> None:
+    """Whoever sets it to zero wants the last command to hold, whenever it comes."""
+    path = CommandPath(ROBOT, 0.0)
+    path.accept(0.2, 0.1, BOOT_NS, late_ns=10**12)
+    assert path.step(BOOT_NS).linear == pytest.approx(0.2)

@@ -17,8 +17,10 @@ CORE = {
     'kinematics': {'arguments', 'se2'},
     'odometry': {'arguments', 'se2', 'kinematics'},
     'feedback': {'arguments', 'se2', 'kinematics'},
+    'lateness': set(),
     'limits': set(),
     'command': {'arguments', 'se2', 'kinematics', 'limits'},
+    'wire': {'arguments', 'se2', 'kinematics', 'odometry'},
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
 }

@@ -241,6 +241,30 @@ def test_a_parameter_file_without_ros_args_is_refused(tmp_path: Path) -> None:
     assert 'unrecognized arguments: --params-file robot.yaml' in ended.stderr
 
 
+@pytest.mark.parametrize('executor', ['events', 'single_threaded'])
+def test_any_executor_drives_and_answers_and_stops(
+        station: Station, start: Start, monkeypatch: pytest.MonkeyPatch, executor: str) -> None:
+    """The environment says which; what the node does is the same."""
+    monkeypatch.setenv('DIFFDRIVE_EXECUTOR', executor)
+    process = start('odometry_node')
+    heard, odom = drive(station), station.hear(Odometry, 'odom')
+    station.say_until(lambda: odom, 'joint_states', (
+        joints(k, left_wheel_joint=0.1 * k, right_wheel_joint=0.2) for k in itertools.count(1)))
+    process.signal(signal.SIGTERM)
+    assert process.wait() == 0
+    wait_until(lambda: is_zero(heard[-1][1]))
+
+
+def test_an_executor_that_is_none_refuses_to_start(
+        start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line with the variable, its value and the rule."""
+    monkeypatch.setenv('DIFFDRIVE_EXECUTOR', 'fast')
+    process = start('odometry_node')
+    assert process.wait() == 1
+    assert process.output == (
+        "odometry: cannot start: DIFFDRIVE_EXECUTOR = 'fast': must be events or single_threaded\n")
+
+
 def test_wheel_commands_go_out_at_the_command_rate(station: Station, start: Start) -> None:
     """Zeros too: drivers with a watchdog of their own rely on it."""
     start('odometry_node', command_rate=20, cmd_vel_timeout=0.3)

@@ -2,6 +2,7 @@
 from collections.abc import Callable
 import itertools
 import math
+import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from station import (
@@ -30,6 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 DRIVE = DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS)
 
 Make = Callable[..., OdometryNode]
+Said = Callable[[], str]
 
 
 def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.count:
@@ -274,6 +277,25 @@ def test_diagnostics_tell_rates_counts_and_what_was_left_out(
     assert 'must be finite' in last()['commands'].message
     wait_until(lambda: last()['feedback'].level == DiagnosticStatus.ERROR)
     assert 'nothing' in last()['feedback'].message
+
+
+def test_a_payload_that_cannot_be_read_is_counted_and_said_and_loses_nothing(
+        station: Station, make: Make, said: Said) -> None:
+    """Bytes that claim to be a JointState, between two that are."""
+    make()
+    last, odom = diagnostics(station), station.hear(Odometry, 'odom')
+    wait_until(last)
+    messages = angles()
+    station.say_until(lambda: odom, 'joint_states', messages)
+    whole = serialize_message(next(messages))
+    station.say('joint_states', whole[:60])
+    wait_until(lambda: 'unreadable' in said())
+    assert re.search(r'joint_states: unreadable: a \w+ ends at byte \d+ of 60: must end', said())
+    count = len(odom)
+    station.say('joint_states', next(messages))
+    wait_until(lambda: len(odom) > count)
+    wait_until(lambda: {item.key: item.value for item in last()['feedback'].values}.get(
+        'unreadable') == '1')
 
 
 def test_the_example_robot_holds_diagnostics_at_warn(station: Station) -> None:

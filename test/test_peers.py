@@ -156,9 +156,14 @@ def test_joint_states_without_a_stamp_have_the_time_of_receipt(
     ({'tf_frame_prefix': '~', 'tf_frame_prefix_enable': False}, ('odom', 'base_link')),
 ])
 def test_frames_are_literal_and_a_prefix_is_a_choice(
-        make: Make, parameters: dict[str, object], frames: tuple[str, str]) -> None:
+        station: Station, make: Make, parameters: dict[str, object], frames: tuple[str, str],
+) -> None:
     """In a namespace, and never with a slash before them."""
-    message = make('/fleet/r2', **parameters)._writer.message
+    make('/fleet/r2', **parameters)
+    heard = station.hear(Odometry, '/fleet/r2/odom')
+    station.say_until(lambda: heard, '/fleet/r2/joint_states', (
+        joints(k, left_wheel_joint=0.0, right_wheel_joint=0.0) for k in itertools.count(1)))
+    _, message = heard[0]
     assert (message.header.frame_id, message.child_frame_id) == frames
 
 

@@ -161,6 +161,26 @@ def test_a_cut_link_stops_the_wheels_in_time_and_they_drive_on_when_it_is_back(
     check_return(robot, station, link.plug(is_in=True) if is_plug else link.set_cable())
 
 
+@pytest.mark.parametrize('cut', ['all frames are lost', 'the plugs are pulled'])
+def test_what_a_cut_link_kept_back_is_not_driven_when_it_is_too_old(
+        link: Hosts, robot: Program, station: Program, cut: str) -> None:
+    """The driver let go meanwhile, without a zero; what is sent again then is of no use."""
+    is_plug = cut == 'the plugs are pulled'
+    check_stop(robot, link.plug(is_in=False) if is_plug else link.set_cable(loss=1.0))
+    station.say('')
+    silent_at = time.monotonic()
+    wait_until(lambda: time.monotonic() > silent_at + TIMEOUT + 0.1)
+    back_at = link.plug(is_in=True) if is_plug else link.set_cable()
+    wait_until(lambda: (station.heard['odom'][-1][0] > back_at
+                        and robot.heard['wheel_commands'][-1][0] > back_at + 1.5))
+    came = [at - back_at for at, _ in robot.heard['cmd_vel'] if at > back_at]
+    print(f'{len(came)} commands from before came again, {came[:1]} s after')
+    assert not any(
+        any(speeds(each)) for each in robot.heard['wheel_commands'] if each[0] > back_at)
+    station.say('0.3 0.7')
+    wait_until(lambda: is_driving(robot))
+
+
 def test_a_link_that_loses_a_fifth_of_its_packets_drives_on(
         link: Hosts, robot: Program, station: Program) -> None:
     """Commands come again before they time out, and a new one comes to the wheels."""

@@ -1,0 +1,251 @@
+"""
+Messages as the bytes that DDS carries: JointState in, Odometry and TFMessage out.
+
+The encoding is OMG's CDR, version 1: four bytes that name the byte order, then the fields, each
+aligned to its size, counted from behind those four. A string is its length, its characters and a
+zero; a sequence is its length and its elements. To read the few values that are wanted, and to
+patch the few that change, costs a tenth of what the conversion from and to messages does.
+"""
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Sequence
+import math
+from struct import calcsize, Struct
+from typing import Any, NamedTuple
+
+from diffdrive_ros.odometry import Estimate, Triangle
+
+# The variance of what wheels do not measure: large, yet such that filters can still invert it.
+UNKNOWN = 1e6
+
+FULL_TURN = 2.0 * math.pi
+
+PREAMBLE = 4  # bytes
+AFTER_STAMP = PREAMBLE + 8
+BYTE_ORDERS = {b'\0\0': '>', b'\0\1': '<'}
+LITTLE_ENDIAN = b'\0\1\0\0'
+
+# More drivers than this that share joint_states in turn have their layouts learned again.
+MOST_LAYOUTS = 8
+
+Diagonal = Sequence[float] | None
+"""The variances of a pose or a twist in space: x, y, z, roll, pitch, yaw."""
+
+
+class WireError(ValueError):
+    """A payload is not what it should be."""
+
+
+JointReading = tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...], int, tuple[str, ...]]
+"""
+What a JointState says: names, positions, velocities of the wanted joints, stamp [ns], all names.
+
+The wanted joints are in the order of the message. There are fewer positions or velocities than
+names, if the message has too few.
+"""
+
+
+class _Layout(NamedTuple):
+    """Where a JointState has what, for all that have the same frame, joints and counts."""
+
+    size: int
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    """Returns preamble, stamp, head, and the count and the wanted ones of each sequence."""
+    preamble: bytes
+    head: tuple[bytes, ...]
+    """The frame and the names with their lengths, in pieces between the bytes that only fill."""
+    positions_at: int
+    """Where, among what is unpacked, the count of the positions stands."""
+    velocities_at: int
+    counts: tuple[int, int, int]
+    names: tuple[str, ...]
+    all_names: tuple[str, ...]
+
+
+class JointStateReader:
+    """
+    Reads the wanted joints out of JointState payloads, in any order, of either byte order.
+
+    A payload with the layout of one that was seen is read at known places. Any other is looked
+    through from its beginning to its end, and nothing outside it is ever read.
+    """
+
+    def __init__(self, wanted: Collection[str]) -> None:
+        self._wanted = frozenset(wanted)
+        self._layouts: deque[_Layout] = deque(maxlen=MOST_LAYOUTS)
+
+    def read(self, payload: bytes) -> JointReading:
+        """Return what a payload says; raises WireError if it is malformed."""
+        for size, unpack, preamble, head, middle, last, counts, names, all_names in self._layouts:
+            if len(payload) != size:
+                continue
+            values = unpack(payload)
+            if (values[0] == preamble and values[3:middle] == head
+                    and (values[middle], values[last], values[-1]) == counts):
+                return (
+                    names, values[middle + 1:last], values[last + 1:-1],
+                    values[1] * 1_000_000_000 + values[2], all_names)
+        self._layouts.appendleft(self._learn(payload))
+        return self.read(payload)
+
+    def _learn(self, payload: bytes) -> _Layout:
+        scan = _Scan(payload, at=AFTER_STAMP)
+        scan.string()
+        all_names = tuple([scan.string() for _ in range(scan.count())])
+        starts, ends = (AFTER_STAMP, *scan.gap_ends), (*scan.gap_starts, scan.at)
+        head = [
+            (start, f'{end - start}s') for start, end in zip(starts, ends, strict=True)]
+        wanted = [index for index, name in enumerate(all_names) if name in self._wanted]
+        fields = [(0, '2s'), (PREAMBLE, 'i'), (PREAMBLE + 4, 'I'), *head]
+        counts_at = []
+        for of_interest in wanted, wanted, []:  # positions, velocities, efforts
+            counts_at.append(len(fields))
+            count = scan.count()
+            fields.append((scan.at - 4, 'I'))
+            start = scan.doubles(count)
+            fields += [(start + 8 * index, 'd') for index in of_interest if index < count]
+        unpack = _struct(scan.byte_order, fields).unpack_from
+        values = unpack(payload)
+        positions_at, velocities_at, _ = counts_at
+        return _Layout(
+            len(payload), unpack, values[0], values[3:positions_at], positions_at, velocities_at,
+            (values[positions_at], values[velocities_at], values[-1]),
+            tuple([all_names[index] for index in wanted]), all_names)
+
+
+class _Scan:
+    """Goes through a payload field by field, and never beyond its end."""
+
+    def __init__(self, payload: bytes, at: int) -> None:
+        byte_order = BYTE_ORDERS.get(payload[:2])
+        if byte_order is None:
+            raise WireError(f'encoding {payload[:2].hex()}: must be 0000 or 0001')
+        self.byte_order = byte_order
+        self.at = at
+        self.gap_starts: list[int] = []
+        """Where bytes that only fill, and may be anything, begin."""
+        self.gap_ends: list[int] = []
+        self._payload = payload
+        self._count = Struct(byte_order + 'I')
+
+    def count(self) -> int:
+        """Return the count that stands here, and go behind it."""
+        self._align(4)
+        start = self.at
+        self._advance(4, 'a count')
+        count: int = self._count.unpack_from(self._payload, start)[0]
+        return count
+
+    def string(self) -> str:
+        """Return the text that stands here, and go behind it."""
+        size = self.count()
+        start = self.at
+        self._advance(size, 'a text')
+        return self._payload[start:max(start, self.at - 1)].decode(errors='replace')
+
+    def doubles(self, count: int) -> int:
+        """Return where so many doubles begin, and go behind them."""
+        if count:
+            self._align(8)
+        start = self.at
+        self._advance(8 * count, 'a sequence')
+        return start
+
+    def _align(self, size: int) -> None:
+        filling = -(self.at - PREAMBLE) % size
+        if filling:
+            self.gap_starts.append(self.at)
+            self.at += filling
+            self.gap_ends.append(self.at)
+
+    def _advance(self, size: int, what: str) -> None:
+        end = self.at + size
+        if end > len(self._payload):
+            raise WireError(
+                f'{what} ends at byte {end} of {len(self._payload)}: must end within the message')
+        self.at = end
+
+
+def _struct(byte_order: str, fields: Iterable[tuple[int, str]]) -> Struct:
+    """Return a struct that has each field at its place."""
+    form, end = byte_order, 0
+    for start, code in fields:
+        form += f'{start - end}x{code}'
+        end = start + calcsize(byte_order + code)
+    return Struct(form)
+
+
+# Of doubles; an x is a byte that stays zero. Of those in space, the ones in the plane are wanted.
+_POSE = 'dd24xdd'  # x, y, z; the rotation's x, y, z, w
+_TWIST = 'd32xd'  # linear x, y, z; angular x, y, z
+_COVARIANCE = 'dd24xd' 'dd24xd' '16xd24x' '24xd16x' '32xd8x' 'dd24xd'  # rows of six
+
+
+class OdometryWriter:
+    """Writes Odometry payloads; the diagonals, where given, stand in for the covariances."""
+
+    def __init__(
+        self, odom_frame: str, base_frame: str, pose_variances: Diagonal = None,
+        twist_variances: Diagonal = None,
+    ) -> None:
+        self._frames = _frames(len(LITTLE_ENDIAN) + 8, odom_frame, base_frame)
+        self._payload = Struct(
+            f'<4siI{len(self._frames)}s' + _POSE + _COVARIANCE + _TWIST + _COVARIANCE)
+        self._pose_covariance, self._pose_unused = _of_diagonal(pose_variances)
+        self._twist_covariance, self._twist_unused = _of_diagonal(twist_variances)
+
+    def write(self, stamp_ns: int, estimate: Estimate) -> bytes:
+        """Return the payload of an estimate."""
+        (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
+        half = 0.5 * math.remainder(theta, FULL_TURN)
+        xx, xy, xt, yy, yt, tt = self._pose_covariance or _capped(pose_covariance)
+        vv, vs, vw, ss, sw, ww = self._twist_covariance or _capped(twist_covariance)
+        z, roll, pitch = self._pose_unused
+        v_z, v_roll, v_pitch = self._twist_unused
+        return self._payload.pack(
+            LITTLE_ENDIAN, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000, self._frames,
+            x, y, math.sin(half), math.cos(half),
+            xx, xy, xt, xy, yy, yt, z, roll, pitch, xt, yt, tt,
+            linear, angular,
+            vv, vs, vw, vs, ss, sw, v_z, v_roll, v_pitch, vw, sw, ww)
+
+
+class TransformWriter:
+    """Writes TFMessage payloads of one transform."""
+
+    def __init__(self, odom_frame: str, base_frame: str) -> None:
+        self._before = LITTLE_ENDIAN + Struct('<I').pack(1)  # transform
+        self._frames = _frames(len(self._before) + 8, odom_frame, base_frame)
+        self._payload = Struct(f'<8siI{len(self._frames)}s' + _POSE)
+
+    def write(self, stamp_ns: int, x: float, y: float, theta: float) -> bytes:
+        """Return the payload of the transform to a pose."""
+        half = 0.5 * math.remainder(theta, FULL_TURN)
+        return self._payload.pack(
+            self._before, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000, self._frames,
+            x, y, math.sin(half), math.cos(half))
+
+
+def _frames(start: int, *names: str) -> bytes:
+    """Return strings as they stand from a multiple of four on, filled up to where doubles may."""
+    text = b''
+    for name in names:
+        characters = name.encode() + b'\0'
+        text += bytes(-len(text) % 4) + Struct('<I').pack(len(characters)) + characters
+    return text + bytes(-(start - PREAMBLE + len(text)) % 8)
+
+
+def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, tuple[float, float, float]]:
+    """Return the covariance in the plane, and the variances of z, roll and pitch."""
+    if variances is None:
+        return None, (UNKNOWN, UNKNOWN, UNKNOWN)
+    x, y, z, roll, pitch, yaw = (variance or UNKNOWN for variance in variances)
+    return (x, 0.0, 0.0, y, 0.0, yaw), (z, roll, pitch)
+
+
+def _capped(covariance: Triangle) -> Triangle:
+    """Return a covariance with no variance above UNKNOWN, scaled so that it stays one."""
+    xx, xy, xt, yy, yt, tt = covariance
+    if xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN:
+        return covariance
+    x, y, theta = (math.sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
+    return xx * x * x, xy * x * y, xt * x * theta, yy * y * y, yt * y * theta, tt * theta * theta
