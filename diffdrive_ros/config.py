@@ -6,7 +6,6 @@ The names, and where they have one the meaning, are diff_drive_controller's, of 
 """
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-import difflib
 import math
 from typing import Any
 
@@ -222,6 +221,8 @@ def say_unknown_names(node: Node, names: Iterable[str]) -> None:
         if name in RETIRED:
             node.get_logger().info(f'{name} is not used any more: {RETIRED[name]}')
         elif name not in known and not name.startswith(NOT_FOR_US):
+            import difflib  # here, for most starts do without its memory
+
             nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
             node.get_logger().warning(
                 f'{name} is no parameter of this node and is not used; the nearest is '

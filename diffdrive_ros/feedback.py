@@ -110,18 +110,25 @@ class WheelFeedback:
         message carries the motion.
         """
         values = positions if self.position_feedback else velocities
+        wheels, takes_all = self._wheels, self._takes_all
         is_whole = True
         turns: list[_Turn] = []
         for name, value in zip(names, values, strict=False):
-            wheel = self._wheels.get(name)
-            if wheel:
-                if is_whole and not turns:
-                    self.complaint = ''
-                turn = self._turn_to(wheel, value, stamp_ns)
-                if turn:
-                    turns.append(turn)
-                else:
-                    is_whole = False
+            wheel = wheels.get(name)
+            if wheel is None:
+                continue
+            if is_whole and not turns:
+                self.complaint = ''
+            if (takes_all and abs(value) < LARGEST and stamp_ns > wheel.stamp_ns
+                    and wheel.held_past is None):  # nearly always, and quicker here
+                turns.append(
+                    (wheel, value, wheel.angle + wheel.direction * (value - wheel.value), ''))
+                continue
+            turn = self._turn_to(wheel, value, stamp_ns)
+            if turn:
+                turns.append(turn)
+            else:
+                is_whole = False
         if len(values) < len(names) and self._misses(names, len(values), len(velocities)):
             is_whole = False
         if not is_whole:
@@ -135,7 +142,7 @@ class WheelFeedback:
             wheel.value, wheel.angle, wheel.stamp_ns = value, angle, stamp_ns
             wheel.held = None
             self._renewed.add(wheel.name)
-        if len(self._renewed) < len(self._wheels):
+        if len(self._renewed) < len(wheels):
             return None
         return self._sample()
 
@@ -163,9 +170,6 @@ class WheelFeedback:
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""
-        if (self._takes_all and stamp_ns > wheel.stamp_ns and wheel.held_past is None
-                and abs(value) < LARGEST):
-            return wheel, value, wheel.angle + wheel.direction * (value - wheel.value), ''
         if not abs(value) < LARGEST:
             self._count('not finite')
             self.complaint = f'{wheel.name} = {value}: must be finite and below {LARGEST:g}'

@@ -157,6 +157,11 @@ Triangle = tuple[float, float, float, float, float, float]
 """The upper triangle of a covariance of [x, y, theta] or its rates: xx, xy, xt, yy, yt, tt."""
 
 
+# A sample as it is kept: stamp, wheel angles, and the sums until then of the variances of the
+# left travel, the right travel and the turn.
+_Sample = tuple[int, float, float, float, float, float]
+NOTHING_YET: _Sample = (0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
 Estimate = tuple[Column, Triangle, tuple[float, float], Triangle]
 """Pose and its covariance, twist [v_x, omega] and the covariance of [v_x, v_y, omega]."""
 
@@ -181,9 +186,7 @@ class Odometry:
         self.noise = noise or WheelNoise()
         self._known = geometry_uncertainty or GeometryUncertainty()
         self._is_exact = self._known == GeometryUncertainty()
-        # Stamp, wheel angles, and the sums until then of the variances that _drive_arc returns.
-        self._samples: deque[tuple[int, float, float, float, float, float]] = deque(
-            maxlen=window + 1)
+        self._samples: deque[_Sample] = deque(maxlen=window + 1)
         self.reset(_pose('start', start))
 
     def reset(self, pose: npt.ArrayLike = ORIGIN, covariance: npt.ArrayLike | None = None) -> None:
@@ -272,37 +275,43 @@ class Odometry:
 
     def estimate(self) -> Estimate:
         """Return all of the above in plain floats, as a message wants it, in one go."""
-        covariance = self._noise_covariance
-        if not self._is_exact:
-            for deviation, column in (
-                    (self._known.wheel_separation, self._by_separation),
-                    (self._known.left_wheel_radius, self._by_left_radius),
-                    (self._known.right_wheel_radius, self._by_right_radius)):
-                covariance = _spread(covariance, deviation * deviation, column)
-        left, right, var_left, var_right, var_turn, seconds = self._window()
-        distance, turn = self._distance_and_turn(left, right)
-        return (
-            (self._x, self._y, self._theta), covariance, (distance / seconds, turn / seconds),
-            self._twist_covariance(left, right, turn, var_left, var_right, var_turn, seconds))
+        then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = (
+            self._samples[0] if self._samples else NOTHING_YET)
+        now_ns, left, right, var_left, var_right, var_turn = (
+            self._samples[-1] if self._samples else NOTHING_YET)
+        left, right = left - left_then, right - right_then
+        var_left, var_right = var_left - var_left_then, var_right - var_right_then
+        var_turn -= var_turn_then
+        rate = 1e9 / (now_ns - then_ns) if now_ns > then_ns else 1.0
+        # In plain floats drive.body_twist is faster without its checks.
+        drive = self.drive
+        separation = drive.wheel_separation
+        left_travel = drive.left_wheel_radius * left
+        right_travel = drive.right_wheel_radius * right
+        turn = (right_travel - left_travel) / separation
 
-    def _twist_covariance(
-        self, left: float, right: float, turn: float, var_left: float, var_right: float,
-        var_turn: float, seconds: float,
-    ) -> Triangle:
-        """Return the twist's covariance from a window's angles [rad], turn, variances, length."""
-        separation = self.drive.wheel_separation
         sideways = 0.25 * (var_left + var_right)
+        pose_covariance = self._noise_covariance
         if not self._is_exact:  # a wrong radius is wrong travel; a wrong separation, wrong turns
-            var_left += (self._known.left_wheel_radius * left)**2
-            var_right += (self._known.right_wheel_radius * right)**2
-            var_turn += (self._known.wheel_separation * turn / separation)**2
+            known = self._known
+            for deviation, column in (
+                    (known.wheel_separation, self._by_separation),
+                    (known.left_wheel_radius, self._by_left_radius),
+                    (known.right_wheel_radius, self._by_right_radius)):
+                pose_covariance = _spread(pose_covariance, deviation * deviation, column)
+            var_left += (known.left_wheel_radius * left)**2
+            var_right += (known.right_wheel_radius * right)**2
+            var_turn += (known.wheel_separation * turn / separation)**2
         along = 0.25 * (var_left + var_right)
         cross = 0.5 * (var_right - var_left) / separation
         turning = (var_left + var_right) / (separation * separation) + var_turn
-        rate, least = 1.0 / (seconds * seconds), LEAST_TWIST_VARIANCE
+        square = rate * rate
         return (
-            rate * along + least, 0.0, rate * cross, rate * sideways + least, 0.0,
-            rate * turning + least)
+            (self._x, self._y, self._theta), pose_covariance,
+            (0.5 * (right_travel + left_travel) * rate, turn * rate),
+            (square * along + LEAST_TWIST_VARIANCE, 0.0, square * cross,
+             square * sideways + LEAST_TWIST_VARIANCE, 0.0,
+             square * turning + LEAST_TWIST_VARIANCE))
 
     @property
     def geometry_sensitivity(self) -> Array:
@@ -313,23 +322,6 @@ class Odometry:
         right_wheel_radius [m].
         """
         return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
-
-    def _window(self) -> tuple[float, ...]:
-        """Return what the window added to each wheel's angle and variance, and its length [s]."""
-        if len(self._samples) < 2:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
-        then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = (
-            self._samples[0])
-        now_ns, left, right, var_left, var_right, var_turn = self._samples[-1]
-        return (
-            left - left_then, right - right_then, var_left - var_left_then,
-            var_right - var_right_then, var_turn - var_turn_then, (now_ns - then_ns) * 1e-9)
-
-    def _distance_and_turn(self, left: float, right: float) -> tuple[float, float]:
-        """Return drive.body_twist of two plain floats, which is faster without its checks."""
-        left_rim = self.drive.left_wheel_radius * left
-        right_rim = self.drive.right_wheel_radius * right
-        return 0.5 * (right_rim + left_rim), (right_rim - left_rim) / self.drive.wheel_separation
 
     def _drive_arc(self, left: float, right: float) -> tuple[float, float, float]:
         """

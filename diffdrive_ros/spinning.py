@@ -4,11 +4,9 @@ One way to run a node as a process: its arguments, executor, signals and last wo
 SIGINT, SIGTERM, SIGHUP and SIGQUIT end the node while its context is still valid, so that it can
 say a last word (stop the wheels) and be sure that it was heard.
 """
-import argparse
 from collections.abc import Callable, Sequence
 import os
 import signal
-import socket
 import sys
 import threading
 from typing import TypeVar
@@ -66,10 +64,15 @@ def run(
 
 def refuse_other_arguments(name: str, description: str, arguments: Sequence[str]) -> None:
     """Exit with a line on standard error if there are arguments that ROS would pass over."""
+    others = remove_ros_args([name, *arguments])[1:]
+    if not others:
+        return
+    import argparse  # here, for most starts do without its memory
+
     parser = argparse.ArgumentParser(
         prog=name, description=description, allow_abbrev=False,
         epilog=f'ROS arguments come after --ros-args: {name} --ros-args --params-file robot.yaml')
-    parser.parse_args(remove_ros_args([name, *arguments])[1:])
+    parser.parse_args(others)
 
 
 def has_parameter_file(arguments: Sequence[str] | None = None) -> bool:
@@ -101,19 +104,18 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def _spin(
-    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None], signals: socket.socket,
+    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None], signals: int,
 ) -> None:
     executor.add_node(node)
-    stop = threading.Event()
+    stop: list[bytes] = []  # cheaper to look at than an event
 
     def wait_for_a_signal() -> None:
-        signals.recv(1)
-        stop.set()
+        stop.append(os.read(signals, 1))
         executor.wake()
 
     threading.Thread(target=wait_for_a_signal, daemon=True).start()
     try:
-        while not stop.is_set():
+        while not stop:
             # Not spin(): that of EventsExecutor hangs in rclpy before 7.1.8.
             executor.spin_once(timeout_sec=0.5)
     finally:
@@ -122,16 +124,16 @@ def _spin(
         node.destroy_node()
 
 
-def _catch_signals() -> socket.socket:
+def _catch_signals() -> int:
     """
-    Return a socket that can be read as soon as one of the signals has come.
+    Return a file descriptor that can be read as soon as one of the signals has come.
 
     A handler in Python runs only when the main thread is back from C++, which may be half a
     second later; the byte is written by the interpreter's own handler, at once.
     """
-    reader, writer = socket.socketpair()
-    writer.setblocking(False)
-    signal.set_wakeup_fd(writer.detach(), warn_on_full_buffer=False)
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for each in STOP_SIGNALS:
         if signal.getsignal(each) != signal.SIG_IGN or each != signal.SIGHUP:  # as nohup asks
             signal.signal(each, lambda number, frame: None)

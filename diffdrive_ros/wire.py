@@ -197,8 +197,12 @@ class OdometryWriter:
         """Return the payload of an estimate."""
         (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
         half = 0.5 * math.remainder(theta, FULL_TURN)
-        xx, xy, xt, yy, yt, tt = self._pose_covariance or _capped(pose_covariance)
-        vv, vs, vw, ss, sw, ww = self._twist_covariance or _capped(twist_covariance)
+        xx, xy, xt, yy, yt, tt = self._pose_covariance or pose_covariance
+        if not (xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN):
+            xx, xy, xt, yy, yt, tt = _capped(xx, xy, xt, yy, yt, tt)
+        vv, vs, vw, ss, sw, ww = self._twist_covariance or twist_covariance
+        if not (vv <= UNKNOWN and ss <= UNKNOWN and ww <= UNKNOWN):
+            vv, vs, vw, ss, sw, ww = _capped(vv, vs, vw, ss, sw, ww)
         z, roll, pitch = self._pose_unused
         v_z, v_roll, v_pitch = self._twist_unused
         return self._payload.pack(
@@ -242,10 +246,7 @@ def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, tuple[float, flo
     return (x, 0.0, 0.0, y, 0.0, yaw), (z, roll, pitch)
 
 
-def _capped(covariance: Triangle) -> Triangle:
+def _capped(xx: float, xy: float, xt: float, yy: float, yt: float, tt: float) -> Triangle:
     """Return a covariance with no variance above UNKNOWN, scaled so that it stays one."""
-    xx, xy, xt, yy, yt, tt = covariance
-    if xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN:
-        return covariance
     x, y, theta = (math.sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
     return xx * x * x, xy * x * y, xt * x * theta, yy * y * y, yt * y * theta, tt * theta * theta
