@@ -7,6 +7,7 @@ rad, continuous (not wrapped), left before right. Poses are [x, y, theta] in the
 theta not wrapped; twists are [v_x, v_y, omega] in the body frame; SI units.
 """
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 import math
 
@@ -28,11 +29,22 @@ def integrate(
     The first pose is start. Exact, for any turn, if the speeds of the wheels keep their ratio
     between two samples. Raises ValueError for shapes that do not fit and for anything not finite.
     """
-    distance, turn, start = _steps(drive, left, right, start)
-    theta = np.cumsum(np.concatenate([start[2:], turn]))
-    mid_heading = theta[:-1] + 0.5 * turn
-    chord = distance * se2.chord_over_arc(0.5 * turn)
-    return _track(start, chord, mid_heading, theta)[:np.size(left)]
+    return _follow(drive, *_log(left, right), _pose('start', start), _arc)
+
+
+def integrate_chunks(
+    drive: DiffDrive, chunks: Iterable[tuple[npt.ArrayLike, npt.ArrayLike]],
+    start: npt.ArrayLike = ORIGIN,
+) -> Iterator[Array]:
+    """
+    Return an iterator over the poses of a log that comes in chunks, larger than memory or live.
+
+    A chunk is a pair (left, right) of wheel angles [rad] of shape (N,), of any N, also zero; its
+    poses, (N, 3), are those that integrate has for these samples of the whole log. One chunk at
+    a time is taken, and none is kept. Raises ValueError as integrate does, for a chunk when it
+    is taken, and names it: the first is chunk 0.
+    """
+    return _follow_chunks(drive, chunks, _pose('start', start))
 
 
 def integrate_speeds(
@@ -62,19 +74,92 @@ def integrate_euler(
     Kept to show its error: each step leaves along the old heading, so a curve is driven too
     wide. Arguments and errors are those of integrate.
     """
-    distance, turn, start = _steps(drive, left, right, start)
-    theta = np.cumsum(np.concatenate([start[2:], turn]))
-    return _track(start, distance, theta[:-1], theta)[:np.size(left)]
+    return _follow(drive, *_log(left, right), _pose('start', start), _tangent)
 
 
-def _steps(
-    drive: DiffDrive, left: npt.ArrayLike, right: npt.ArrayLike, start: npt.ArrayLike,
-) -> tuple[Array, Array, Array]:
-    left, right, start = finite('left', left), finite('right', right), _pose('start', start)
+# Steps at a time: what is computed on the way to the poses stays in a core's cache.
+BLOCK = 8192
+
+Rule = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""From the distances, the turns and the headings before them to the steps in x and y."""
+
+
+def _follow(drive: DiffDrive, left: Array, right: Array, start: Array, rule: Rule) -> Array:
+    """Return the poses of wheel angles, (N, 3)."""
+    poses = np.empty((left.size, 3))
+    poses[:1] = start
+    for first in range(0, left.size - 1, BLOCK):
+        block = slice(first, first + BLOCK + 1)
+        _follow_block(drive, left[block], right[block], poses[block], rule)
+    return poses
+
+
+def _follow_block(
+    drive: DiffDrive, left: Array, right: Array, poses: Array, rule: Rule,
+) -> None:
+    """Fill in the poses, (N, 3), after the first."""
+    def add_up(axis: int, steps: Array) -> None:
+        column = poses[:, axis]
+        column[1:] = steps
+        np.add.accumulate(column, out=column)
+        if not math.isfinite(column[-1]):  # what is not stays in the sum
+            bad = int(np.argmin(np.isfinite(column)))
+            raise ValueError(
+                f'left, right = {left[bad]}, {right[bad]} after {left[bad - 1]}, '
+                f'{right[bad - 1]}: must lead to a finite pose')
+
+    with np.errstate(over='ignore', invalid='ignore'):  # add_up finds it
+        distance, turn = _steps(drive, left, right)
+        add_up(2, turn)
+        dx, dy = rule(distance, turn, poses[:-1, 2])
+        add_up(0, dx)
+        add_up(1, dy)
+
+
+def _steps(drive: DiffDrive, left: Array, right: Array) -> tuple[Array, Array]:
+    """Return drive.body_twist of what the wheels turned from sample to sample, unchecked."""
+    left_rim = drive.left_wheel_radius * (left[1:] - left[:-1])
+    right_rim = drive.right_wheel_radius * (right[1:] - right[:-1])
+    return 0.5 * (right_rim + left_rim), (right_rim - left_rim) / drive.wheel_separation
+
+
+def _arc(distance: Array, turn: Array, heading: Array) -> tuple[Array, Array]:
+    half_turn = 0.5 * turn
+    chord, mid_heading = distance * se2.chord_over_arc(half_turn), heading + half_turn
+    return chord * np.cos(mid_heading), chord * np.sin(mid_heading)
+
+
+def _tangent(distance: Array, turn: Array, heading: Array) -> tuple[Array, Array]:
+    return distance * np.cos(heading), distance * np.sin(heading)
+
+
+def _follow_chunks(
+    drive: DiffDrive, chunks: Iterable[tuple[npt.ArrayLike, npt.ArrayLike]], pose: Array,
+) -> Iterator[Array]:
+    last = np.empty((2, 0))  # of the angles until now: left, right
+    for number, chunk in enumerate(chunks):
+        try:
+            left, right = chunk
+        except (TypeError, ValueError):
+            raise ValueError(
+                f'chunk {number} = {chunk!r}: must be a pair (left, right)') from None
+        try:
+            angles = np.concatenate([last, _log(left, right)], axis=1)
+            poses = _follow(drive, angles[0], angles[1], pose, _arc)
+        except ValueError as error:
+            raise ValueError(f'chunk {number}: {error}') from None
+        known = last.shape[1]
+        last = angles[:, -1:].copy()
+        pose = poses[-1].copy() if poses.size else pose  # the caller may change what is yielded
+        yield poses[known:]
+
+
+def _log(left: npt.ArrayLike, right: npt.ArrayLike) -> tuple[Array, Array]:
+    left, right = finite('left', left), finite('right', right)
     if left.ndim != 1 or left.shape != right.shape:
         raise ValueError(
             f'left has shape {left.shape}, right {right.shape}: must be (N,) for both')
-    return *drive.body_twist(np.diff(left), np.diff(right)), start  # times dt = 1 step
+    return left, right
 
 
 def _pose(name: str, value: npt.ArrayLike) -> Array:
@@ -97,14 +182,6 @@ def _covariance(name: str, value: npt.ArrayLike) -> Array:
     if np.linalg.eigvalsh(correlation).min() < -1e-9:
         raise ValueError(f'{name} = {matrix.tolist()}: must be positive semidefinite')
     return matrix
-
-
-def _track(start: Array, length: Array, heading: Array, theta: Array) -> Array:
-    poses = np.empty((theta.size, 3))
-    poses[:, 0] = np.cumsum(np.concatenate([start[:1], length * np.cos(heading)]))
-    poses[:, 1] = np.cumsum(np.concatenate([start[1:2], length * np.sin(heading)]))
-    poses[:, 2] = theta
-    return poses
 
 
 @dataclass(frozen=True)

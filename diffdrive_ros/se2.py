@@ -112,9 +112,9 @@ def wrap_angle(theta: npt.ArrayLike) -> Array:
 
 def chord_over_arc(half_turn: npt.ArrayLike) -> Array:
     """Return the length of an arc's chord over its own: sin(a) / a of half the turn, 1 at 0."""
-    half_turn = finite('half_turn', half_turn)
-    ratio = np.ones_like(half_turn)
-    return np.divide(np.sin(half_turn), half_turn, out=ratio, where=half_turn != 0.0)
+    # Even in the angle; and sin(a) is a for the least a, so that it is 1 there.
+    angle = np.maximum(np.abs(finite('half_turn', half_turn)), np.finfo(np.float64).tiny)
+    return np.sin(angle) / angle
 
 
 def _with_heading(xy: Array, theta: Array) -> Array:

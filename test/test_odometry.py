@@ -2,11 +2,14 @@
 from functools import partial
 import math
 import re
+import tracemalloc
 
 from diffdrive_ros import se2
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.odometry import (
+    BLOCK,
     integrate,
+    integrate_chunks,
     integrate_euler,
     integrate_speeds,
     Odometry,
@@ -260,6 +263,137 @@ def test_what_is_not_finite_is_named(integrator, value):
 def test_a_start_that_is_no_pose_is_refused(integrator, start, message):
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         integrator(ROBOT, [0.0, 1.0], [0.0, 1.0], start)
+
+
+# Long logs
+
+def long_log(samples):
+    """Return wheel angles, left and right, of a drive of curves to both sides."""
+    time = np.linspace(0.0, 0.01 * samples, samples)
+    return 5.0 * time + np.sin(time), 5.0 * time - 2.0 * np.sin(0.7 * time)
+
+
+def peak_memory(work):
+    """Return how many bytes of memory some work had in use at once."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize('samples', [BLOCK, BLOCK + 1, BLOCK + 2, 3 * BLOCK + 7])
+def test_a_log_of_many_blocks_is_one_path(samples):
+    left, right = long_log(samples)
+    path = integrate(ROBOT, left, right, [1.0, 2.0, 3.0])
+    online = Odometry(ROBOT, start=[1.0, 2.0, 3.0])
+    for number, (pose, *angles) in enumerate(zip(path, left, right, strict=True)):
+        online.update(*angles, EPOCH_NS + number)
+        if number % 1000 == 0 or number % BLOCK < 3:
+            same(pose, online.pose)
+    same(path[-1], online.pose)
+
+
+def test_a_long_log_needs_little_more_memory_than_its_poses():
+    left, right = long_log(1_000_000)
+    assert peak_memory(lambda: integrate(ROBOT, left, right)) < 1.1 * 24 * 1_000_000
+
+
+@given(drives, wheel_steps, poses, st.lists(st.integers(0, 21)))
+def test_a_log_in_chunks_has_the_poses_of_the_whole_log(drive, steps, start, cuts):
+    angles = angles_of(steps)
+    parts = np.split(angles, sorted(cuts), axis=1)
+    of_parts = list(integrate_chunks(drive, parts, start))
+    assert [len(each) for each in of_parts] == [part.shape[1] for part in parts]
+    same(np.concatenate(of_parts), integrate(drive, *angles, start))
+
+
+@given(st.lists(st.integers(0, 50_000), max_size=20))
+@settings(max_examples=20)
+def test_chunks_drift_from_the_whole_log_by_nothing(cuts):
+    angles = np.array(long_log(50_000))
+    parts = np.split(angles, sorted(cuts), axis=1)
+    path = np.concatenate(list(integrate_chunks(ROBOT, parts)))
+    same(path, integrate(ROBOT, *angles))
+
+
+def test_no_chunks_have_no_poses_and_empty_ones_have_none_each():
+    assert list(integrate_chunks(ROBOT, [])) == []
+    parts = [([], []), ([4.0], [5.0]), ([], []), ([4.0], [5.0])]
+    start = [1.0, 2.0, 3.0]
+    path = [each.tolist() for each in integrate_chunks(ROBOT, parts, start)]
+    assert path == [[], [start], [], [start]]
+
+
+def test_a_log_in_chunks_needs_the_memory_of_one():
+    def drive_through(count):
+        parts = (np.array(long_log(10_000)) for _ in range(count))
+        assert sum(map(len, integrate_chunks(ROBOT, parts))) == count * 10_000
+
+    assert peak_memory(lambda: drive_through(30)) < 1.1 * peak_memory(lambda: drive_through(3))
+
+
+def test_a_chunk_is_taken_when_its_poses_are_asked_for():
+    taken = []
+
+    def log():
+        for number in range(3):
+            taken.append(number)
+            yield [1.0 * number], [2.0 * number]
+
+    path = integrate_chunks(ROBOT, log())
+    assert taken == []
+    next(path)
+    assert taken == [0]
+
+
+def test_who_writes_into_a_chunk_or_its_poses_spoils_no_other():
+    angles = np.array(long_log(30))
+
+    def one_buffer():
+        buffer = np.empty((2, 10))
+        for part in np.split(angles, 3, axis=1):
+            buffer[:] = part
+            yield buffer
+
+    path = []
+    for each in integrate_chunks(ROBOT, one_buffer()):
+        path.append(each.copy())
+        each[:] = math.nan
+    same(np.concatenate(path), integrate(ROBOT, *angles))
+
+
+@pytest.mark.parametrize(('chunk', 'message'), [
+    (([0.0, math.nan], [0.0, 0.0]), 'chunk 1: left[1] = nan: must be finite'),
+    (([0.0], ['a']), "chunk 1: right = ['a']: must be a number or an array of numbers"),
+    (([0.0, 1.0], [0.0]), 'chunk 1: left has shape (2,), right (1,): must be (N,) for both'),
+    ((0.0, 1.0), 'chunk 1: left has shape (), right (): must be (N,) for both'),
+    (7.0, 'chunk 1 = 7.0: must be a pair (left, right)'),
+    (([], [], []), 'chunk 1 = ([], [], []): must be a pair (left, right)'),
+])
+def test_a_chunk_that_is_none_is_named_after_the_poses_before_it(chunk, message):
+    path = integrate_chunks(ROBOT, [([0.0], [0.0]), chunk])
+    assert next(path).tolist() == [[0.0, 0.0, 0.0]]
+    with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
+        next(path)
+
+
+def test_a_start_that_is_no_pose_is_refused_before_any_chunk():
+    with pytest.raises(ValueError, match=r'^start\[0\] = nan: must be finite$'):
+        integrate_chunks(ROBOT, iter([]), [math.nan, 0.0, 0.0])
+
+
+@each_integrator
+@pytest.mark.parametrize(('left', 'right'), [
+    ([0.0, 1.0, 1e308, -1e308, 0.0], [0.0, 1.0, 2.0, 3.0, 4.0]),
+    ([0.0, 1.0, 1e308, -1e308, 0.0], [0.0, 1.0, 1e308, -1e308, 0.0]),
+])
+def test_finite_angles_that_lead_to_no_finite_pose_are_named(integrator, left, right):
+    steps = f'-1e+308, {right[3]} after 1e+308, {right[2]}'
+    message = f'left, right = {steps}: must lead to a finite pose'
+    with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
+        integrator(ROBOT, left, right)
 
 
 # Sample by sample
