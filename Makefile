@@ -3,7 +3,7 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo lint test colcon consistency mutants fuzz soak clean
+.PHONY: help demo lint test colcon consistency mutants fuzz soak bench clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -37,6 +37,9 @@ fuzz:  ## send ten million messages through the pure modules: make fuzz ARGS='--
 
 soak:  ## drive for 15 minutes with a fault each second: make soak ARGS='--minutes 60'
 	@.ci/environment test python test/soak.py $(ARGS)
+
+bench:  ## measure what node and core cost, into doc/performance.md: make bench ARGS=--quick prints
+	@.ci/environment test python test/benchmark.py $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
 	rm -rf .venv .venv-ros .colcon build dist demo.png *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

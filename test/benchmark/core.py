@@ -1,0 +1,108 @@
+"""
+Time parts of the core in turn, or see what memory one needs; print it as JSON.
+
+Arguments: SAMPLES REPEATS WORK... Times are medians [ns a sample]. Without repeats, memory is by
+how much this process grew at its peak [bytes a sample], beyond the wheel angles.
+"""
+from collections.abc import Callable
+import json
+from pathlib import Path
+import re
+import statistics
+import sys
+import time
+
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import GeometryUncertainty, integrate, integrate_chunks, Odometry
+import numpy as np
+
+DRIVE = DiffDrive(0.16, 0.033, 0.033)
+KNOWN = GeometryUncertainty(0.002, 0.0001, 0.0001)
+CHUNK = 100_000
+
+
+def wheels(samples: int) -> np.ndarray:
+    """Return angles of the left and right wheel, (2, N), that drive curves."""
+    angles = np.random.default_rng(1).normal(0.05, 0.02, (2, samples))
+    return np.cumsum(angles, axis=1, out=angles)
+
+
+def by_integrate(left: np.ndarray, right: np.ndarray) -> None:
+    """Integrate in one call."""
+    integrate(DRIVE, left, right)
+
+
+def by_chunks(left: np.ndarray, right: np.ndarray) -> None:
+    """Integrate chunk by chunk, and keep nothing."""
+    cuts = range(0, left.size, CHUNK)
+    for _ in integrate_chunks(
+            DRIVE, ((left[cut:cut + CHUNK], right[cut:cut + CHUNK]) for cut in cuts)):
+        pass
+
+
+def by_numpy(left: np.ndarray, right: np.ndarray) -> None:
+    """Do what no vectorised integration can do without."""
+    np.sin(left)
+    np.cos(left)
+    np.cumsum(left)
+    np.cumsum(left)
+    np.cumsum(left)
+
+
+def by_update(left: list[float], right: list[float]) -> None:
+    """Update sample by sample, with the systematic part of the covariance."""
+    update = Odometry(DRIVE, geometry_uncertainty=KNOWN).update
+    for number, angles in enumerate(zip(left, right, strict=True)):
+        update(*angles, number * 5_000_000)
+
+
+def by_update_and_read_out(left: list[float], right: list[float]) -> None:
+    """Update sample by sample, and ask for all that a message has."""
+    odometry = Odometry(DRIVE, geometry_uncertainty=KNOWN)
+    for number, angles in enumerate(zip(left, right, strict=True)):
+        odometry.update(*angles, number * 5_000_000)
+        _ = odometry.pose, odometry.twist, odometry.pose_covariance, odometry.twist_covariance
+
+
+ONLINE: dict[str, Callable] = {'update': by_update, 'update and read-out': by_update_and_read_out}
+WORK: dict[str, Callable] = {
+    'numpy': by_numpy, 'integrate': by_integrate, 'integrate_chunks': by_chunks, **ONLINE}
+
+
+def growth(work: Callable[[], None]) -> int:
+    """Return by how much this process grows while it works [bytes]."""
+    Path('/proc/self/clear_refs').write_text('5')  # the highest memory is now the present one
+    before = highest_memory()
+    work()
+    return highest_memory() - before
+
+
+def highest_memory() -> int:
+    """Return the highest resident memory until now [bytes]."""
+    status = Path('/proc/self/status').read_text()
+    return 1024 * int(re.search(r'VmHWM:\s+(\d+) kB', status)[1])
+
+
+def main() -> None:
+    """Measure."""
+    samples, repeats, names = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
+    arrays = tuple(wheels(samples))
+    lists = [each.tolist() for each in arrays] if set(names) & set(ONLINE) else []
+    angles = {name: lists if name in ONLINE else arrays for name in names}
+    for name in names:  # what is loaded and made once
+        WORK[name](*(each[:1000] for each in angles[name]))
+    if not repeats:
+        print(growth(lambda: WORK[names[0]](*angles[names[0]])) / samples)
+        return
+    times = {name: [] for name in names}
+    for _ in range(repeats):
+        for name in names:
+            start = time.perf_counter()
+            WORK[name](*angles[name])
+            times[name].append(time.perf_counter() - start)
+    print(json.dumps({
+        name: statistics.median(each) / samples * 1e9 for name, each in times.items()}))
+
+
+if __name__ == '__main__':
+    main()
