@@ -157,9 +157,8 @@ def node_of(namespace: str) -> Command:
 @contextmanager
 def floor() -> Iterator[Command | None]:
     """Build the floor, from a sourced ROS or from wheels; None if that cannot be."""
-    # Wheels are all in the one prefix, and bring libraries of others besides.
-    prefixes = list(filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':'))) or [
-        sys.prefix]
+    sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(':')
+    prefixes = [*filter(None, sourced), sys.prefix]
     includes = [path for prefix in prefixes for path in glob(f'{prefix}/include/*')]
     libraries = [f'{prefix}/lib' for prefix in prefixes] + [
         *glob(f'{sysconfig.get_path("purelib")}/ros_*.libs'), sysconfig.get_config_var('LIBDIR')]
@@ -168,9 +167,10 @@ def floor() -> Iterator[Command | None]:
         command = [
             *shlex.split(os.environ.get('CC', 'cc')), '-O2', '-o', binary, str(HERE / 'floor.c'),
             *(f'-I{path}' for path in includes), *(f'-L{path}' for path in libraries),
-            '-Wl,--allow-shlib-undefined', *(f'-l{name}' for name in LIBRARIES),
+            '-Wl,--allow-shlib-undefined', *(f'-l{name}' for name in LIBRARIES)]
+        if Path(sys.prefix, 'lib', 'librcl.so').exists():
             # The libraries in the wheels want Python's symbols, and do not say so.
-            '-Wl,--no-as-needed', f'-lpython{sysconfig.get_config_var("LDVERSION")}']
+            command += ['-Wl,--no-as-needed', f'-lpython{sysconfig.get_config_var("LDVERSION")}']
         try:
             subprocess.run(command, check=True, text=True, stderr=subprocess.PIPE)
         except (OSError, subprocess.CalledProcessError) as error:

@@ -11,6 +11,8 @@ import numpy as np
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'
 BEGIN, END = '<!-- measured: begin -->', '<!-- measured: end -->'
+PICTURE = (
+    '![CPU and latency of the round trip, CPU of many robots, time of the core](performance.png)')
 
 FLOOR, NODE, TYPICAL = 'floor (C)', 'odometry', 'typical node'
 CANDIDATES = FLOOR, NODE, TYPICAL
@@ -43,7 +45,7 @@ def write(text: str, results: Results) -> None:
     document = DOC / 'performance.md'
     before, _, rest = document.read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
-    document.write_text(f'{before}{BEGIN}\n{text}\n{END}{after}')
+    document.write_text(f'{before}{BEGIN}\n{PICTURE}\n\n{text}\n{END}{after}')
     draw(results, DOC / 'performance.png')
 
 
@@ -146,9 +148,10 @@ def draw(results: Results, path: Path) -> None:
     names = list(next(iter(results.round_trips.values())))
     _bars(cpu, results, names, 'cpu_us')
     cpu.set(title='CPU of the node, a message', ylabel='µs', ylim=(0.0, None))
-    cpu.legend(frameon=False)
+    cpu.legend(frameon=False, loc='upper right')
     _bars(latency, results, names, 'p50_us', 'p99_us')
-    latency.set(title='Round trip: median, and 99 % (line)', ylabel='µs', yscale='log')
+    latency.set(title='Round trip: median, and 99 % (line)', ylabel='µs', yscale='log',
+                ylim=(50.0, None))
     _draw_robots(robots, results)
     _draw_core(core, results)
     for axes in cpu, latency, robots, core:
@@ -183,8 +186,8 @@ def _draw_robots(axes: object, results: Results) -> None:
         shares = [_share(count, results.robots[count][way]) for count in counts]
         axes.plot(counts, shares, 'o-', color=color, label=way)
     one = _share(1, results.robots[1][SHARED])
-    axes.plot([0, counts[-1]], [0.0, one * counts[-1]], ':', color='0.4',
-              label='so many times one robot')
+    axes.plot([0, counts[-1]], [0.0, one * counts[-1]], ':', color='0.15', zorder=3,
+              label='one robot, so many times')
     axes.set(title='CPU of robots at 50 Hz', xlabel='robots', ylabel='% of a core',
              xlim=(0, None), ylim=(0.0, None), xticks=counts)
     axes.legend(frameon=False)

@@ -51,7 +51,8 @@ def test_the_document_keeps_what_stands_around_the_figures(
     document = tmp_path / 'performance.md'
     document.write_text(f'before\n{BEGIN}\nold\n{END}\nafter\n')
     performance.write('new', results)
-    assert document.read_text() == f'before\n{BEGIN}\nnew\n{END}\nafter\n'
+    assert document.read_text() == (
+        f'before\n{BEGIN}\n{performance.PICTURE}\n\nnew\n{END}\nafter\n')
     assert (tmp_path / 'performance.png').stat().st_size > 10_000
     real = (Path(performance.__file__).parents[1] / 'doc' / 'performance.md').read_text()
     assert real.count(BEGIN) == real.count(END) == 1

@@ -1,8 +1,8 @@
 """
 Time parts of the core in turn, or see what memory one needs; print it as JSON.
 
-Arguments: SAMPLES REPEATS WORK... Times are medians [ns a sample]. Without repeats, memory is by
-how much this process grew at its peak [bytes a sample], beyond the wheel angles.
+Arguments: SAMPLES REPEATS WORK... Times are medians of CPU time [ns a sample]. Without repeats,
+memory is by how much this process grew at its peak [bytes a sample], beyond the wheel angles.
 """
 from collections.abc import Callable
 import json
@@ -97,9 +97,9 @@ def main() -> None:
     times = {name: [] for name in names}
     for _ in range(repeats):
         for name in names:
-            start = time.perf_counter()
+            start = time.thread_time()  # not that of others on this machine
             WORK[name](*angles[name])
-            times[name].append(time.perf_counter() - start)
+            times[name].append(time.thread_time() - start)
     print(json.dumps({
         name: statistics.median(each) / samples * 1e9 for name, each in times.items()}))
 
