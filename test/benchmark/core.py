@@ -61,7 +61,7 @@ def by_update_and_read_out(left: list[float], right: list[float]) -> None:
     odometry = Odometry(DRIVE, geometry_uncertainty=KNOWN)
     for number, angles in enumerate(zip(left, right, strict=True)):
         odometry.update(*angles, number * 5_000_000)
-        _ = odometry.pose, odometry.twist, odometry.pose_covariance, odometry.twist_covariance
+        odometry.estimate()
 
 
 ONLINE: dict[str, Callable] = {'update': by_update, 'update and read-out': by_update_and_read_out}
