@@ -24,6 +24,8 @@ class WheelCommand:
     angular: float
 
 
+MOST_PERIODS = 5.0  # a step that comes later still changes the speed by no more
+
 STOP = WheelCommand(0.0, 0.0, 0.0, 0.0)
 NO_LIMITS = AxisLimits()
 
@@ -54,6 +56,7 @@ class CommandPath:
     def __post_init__(self) -> None:
         self._linear = self._angular = 0.0
         self._received_ns: int | None = None
+        self._stepped_ns = 0
         self._applied = self._applied_before = STOP
         self._complaint = ''
 
@@ -66,6 +69,14 @@ class CommandPath:
     def complaint(self) -> str:
         """Return why the wheels are stopped, for a person to read; '' when they are not."""
         return ', '.join(sorted(self.holds)) or self._complaint
+
+    def hold(self, reason: str, is_so: bool) -> None:
+        """Add a reason to hold the wheels, which forgets the last command, or take it away."""
+        if is_so:
+            self.holds.add(reason)
+            self._linear = self._angular = 0.0
+        else:
+            self.holds.discard(reason)
 
     def accept(self, linear: float, angular: float, now_ns: int, late_ns: int = 0) -> None:
         """
@@ -92,7 +103,8 @@ class CommandPath:
             self._linear, self._angular, self._complaint = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:
-        """Return what to send to the wheels now, a period after the last step."""
+        """Return what to send to the wheels now, about a period after the last step."""
+        seconds, self._stepped_ns = self._since_last_step(now_ns), now_ns
         if self.holds:
             self._linear = self._angular = 0.0
         if (self._linear or self._angular) and self._is_too_old(now_ns):
@@ -100,13 +112,18 @@ class CommandPath:
             self._stop(f'no command for {self.timeout:g} s')
         last, before_last = self._applied, self._applied_before
         linear = self.linear_limits.step(
-            self._linear, last.linear, before_last.linear, self.period)
+            self._linear, last.linear, before_last.linear, seconds)
         angular = self.angular_limits.step(
-            self._angular, last.angular, before_last.angular, self.period)
+            self._angular, last.angular, before_last.angular, seconds)
         if (linear, angular) != (self._linear, self._angular):
             self._count('limited')
         self._applied, self._applied_before = self._for_wheels(linear, angular), last
         return self._applied
+
+    def _since_last_step(self, now_ns: int) -> float:
+        """Return the time [s] that the limits count: a period, more where steps were left out."""
+        periods = (now_ns - self._stepped_ns) * 1e-9 / self.period if self._stepped_ns else 1.0
+        return self.period * (min(periods, MOST_PERIODS) if periods > 2.0 else 1.0)
 
     def _for_wheels(self, linear: float, angular: float) -> WheelCommand:
         with np.errstate(over='ignore'):

@@ -62,7 +62,7 @@ SPECS = (
          'it: two sources make the robot jump.'),
     Spec('publish_rate', 0.0,
          'Rate to which odom and its transform are thinned out, by stamp [Hz]; 0: one for each '
-         'joint_states.', parameters.NOT_NEGATIVE),
+         'joint_states.', parameters.RATE_OR_NONE),
     Spec('position_feedback', True,
          'Use the positions of joint_states; false: integrate their velocities.'),
     Spec('open_loop', False,
@@ -126,7 +126,7 @@ RETIRED = {
 }
 
 # Keys of such a file that are for its controller manager, and those of every node.
-NOT_FOR_US = ('type', 'update_rate', 'use_sim_time', 'qos_overrides.', 'start_type_description')
+NOT_FOR_US = ('type', 'update_rate', 'use_sim_time', 'start_type_description')
 
 
 @dataclass(frozen=True)
@@ -217,6 +217,7 @@ def axis_limits(values: Values, axis: str) -> AxisLimits:
 def say_unknown_names(node: Node, names: Iterable[str]) -> None:
     """Log the names that were given to a node and are none of its parameters."""
     known = [spec.name for spec in SPECS]
+    known += [f'qos_overrides.{name}' for name in node.get_parameters_by_prefix('qos_overrides')]
     for name in sorted(names):
         if name in RETIRED:
             node.get_logger().info(f'{name} is not used any more: {RETIRED[name]}')

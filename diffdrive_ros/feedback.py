@@ -194,6 +194,8 @@ class WheelFeedback:
             self._count('not newer')
             return False
         if wheel.held_past is None or stamp_ns <= wheel.held_past[1]:
+            if wheel.held_past and stamp_ns == wheel.held_past[1]:
+                self._count('not newer')
             wheel.held_past = (value, stamp_ns)
             return False
         self._restart(wheel, *wheel.held_past)

@@ -1,4 +1,5 @@
 """What the node odometry says of itself once a second: warnings on change, and /diagnostics."""
+from collections import Counter
 from collections.abc import Sequence
 import time
 
@@ -27,6 +28,7 @@ class Monitor:
         """When the last sample of the wheels was taken, on the monotonic clock."""
         self._samples_then = self._commands_then = 0
         self._names: set[str] = set()
+        self._counts_then: Counter[str] = Counter()
         self._commanders: dict[bytes, None] = {}
         self._said: set[str] = set()
         self._sender = DiagnosticsSender(node)
@@ -75,21 +77,25 @@ class Monitor:
                 return Status('feedback', WARN, 'none yet', figures)
             self._said.discard('silence')
             self._names.clear()
+            self._counts_then = Counter(self._feedback.counts)
             return Status('feedback', OK, f'{rate:.0f} Hz', figures)
         reason = self._reason_of_silence()
-        is_missed = self._names or was_heard or self._command.started
+        is_missed = self._feedback.counts or self._command.started
         if is_missed and 'silence' not in self._said:
             self._said.add('silence')
             self._node.get_logger().warning(f'joint_states: {reason}')
         return Status('feedback', ERROR if was_heard else WARN, reason, figures)
 
     def _reason_of_silence(self) -> str:
-        wanted = ', '.join(self._feedback.waits_for)
-        if not self._names:
+        counts = self._feedback.counts - self._counts_then
+        if not (self._names or counts):
             return f'nothing for {LONGEST_SILENCE:g} s'
-        heard = ', '.join(sorted(self._names))
-        return (f'no sample of the wheels for {LONGEST_SILENCE:g} s: heard {heard}; waiting for '
-                f'{wanted}')
+        heard, wanted = self._names, self._feedback.waits_for
+        reason = f'no usable sample of the wheels for {LONGEST_SILENCE:g} s'
+        if not heard.issuperset(wanted):
+            reason += f': heard {", ".join(sorted(heard))}; waiting for {", ".join(wanted)}'
+        whys = [f'{count} {what}' for what, count in sorted(counts.items()) if what != 'samples']
+        return f'{reason} ({", ".join(whys)})' if whys else reason
 
     def _command_status(self, rate: float) -> Status:
         command = self._command
@@ -130,9 +136,11 @@ class Monitor:
                     self._config.command_interface)
         if not kind:
             return
-        others = len(self._node.get_publishers_info_by_topic('wheel_commands')) - 1
-        if others > 0:
-            self._say_once(f'{others} more publish wheel_commands: the wheels get both')
+        commanders = self._node.get_publishers_info_by_topic('wheel_commands')
+        if len(commanders) > 1:
+            names = ', '.join(sorted(end.node_name for end in commanders))
+            self._say_once(
+                f'{len(commanders)} publish wheel_commands: {names}; the wheels get both')
         for end in self._node.get_subscriptions_info_by_topic('wheel_commands'):
             if end.topic_type != kind:
                 self._say_once(

@@ -174,6 +174,9 @@ def _covariance(name: str, value: npt.ArrayLike) -> Array:
     matrix = finite(name, value)
     if matrix.shape != (3, 3):
         raise ValueError(f'{name} has shape {matrix.shape}: must be (3, 3)')
+    if np.diag(matrix).max() > LARGEST_VARIANCE:
+        raise ValueError(
+            f'{name} = {matrix.tolist()}: must have no variance above {LARGEST_VARIANCE:g}')
     deviations = np.sqrt(np.abs(np.diag(matrix)))
     deviations[deviations == 0.0] = 1.0
     correlation = matrix / deviations[:, np.newaxis] / deviations  # free of units
@@ -227,6 +230,9 @@ class GeometryUncertainty:
 # Variances below these serve nobody and break filters that invert them.
 LEAST_POSE_VARIANCE = 1e-9  # [m^2], [rad^2]
 LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
+
+# A pose that is given with more is not known; propagated, it would soon not be finite.
+LARGEST_VARIANCE = 1e12  # [m^2], [rad^2]
 
 Column = tuple[float, float, float]
 """A derivative of the pose [x, y, theta] in the odom frame."""

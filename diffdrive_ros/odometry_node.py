@@ -35,7 +35,7 @@ LONGEST_WITHOUT_CLOCK = 1.0  # [s] until a /clock that stands still is a timeout
 LONGEST_LAST_WORD = 0.5  # [s] that the node waits for drivers to acknowledge its last zero
 
 DISABLED = 'disabled by ~/enable'
-NO_FEEDBACK = 'joint_states are silent'
+NO_FEEDBACK = 'no usable joint_states'
 NO_CLOCK = '/clock stands still'
 
 
@@ -74,9 +74,9 @@ class OdometryNode(Node):
         self._is_commanding = False
         self._other_axes_said = False
         self._command_complaint = self._feedback_complaint = ''
+        self._complained_at = -math.inf
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
         self._ticked_at = math.inf  # on the monotonic clock
-        # When messages come faster than they are read, the timer's work is done between them.
         self._overdue = 2.0 * self._command.period
         self._odom_due_ns: int | None = None
         self._create_publishers(config)
@@ -154,11 +154,10 @@ class OdometryNode(Node):
         self.get_logger().info(
             f'{"TwistStamped" if config.enable_stamped_cmd_vel else "Twist"} on cmd_vel drives '
             f'{", ".join(config.left_wheel_names)} | {", ".join(config.right_wheel_names)} by '
-            f'{config.command_interface}, {fastest}; wheels stop after '
-            f'{config.cmd_vel_timeout:g} s of silence')
-        if not config.cmd_vel_timeout:
-            self.get_logger().warning(
-                'cmd_vel_timeout = 0.0: when commands stop coming, the wheels turn on')
+            f'{config.command_interface}, {fastest}'
+            + (f'; wheels stop after {config.cmd_vel_timeout:g} s of silence'
+               if config.cmd_vel_timeout else ''))
+        self._warn_of_no_timeout(config)
         for axis, limits in (
                 ('linear.x', config.linear_limits), ('angular.z', config.angular_limits)):
             if limits.without_effect:
@@ -166,10 +165,17 @@ class OdometryNode(Node):
                     f'{axis}: {", ".join(limits.without_effect)} have no effect without their '
                     'maximum')
 
+    def _warn_of_no_timeout(self, config: Config) -> None:
+        if not config.cmd_vel_timeout:
+            self.get_logger().warning(
+                'cmd_vel_timeout = 0.0: when commands stop coming, the wheels keep turning')
+
     def _config_of(self, values: parameters.Values) -> Config:
         return Config.of(values, self.get_namespace())
 
     def _apply(self, config: Config) -> None:
+        if config.cmd_vel_timeout != self._config.cmd_vel_timeout:
+            self._warn_of_no_timeout(config)
         self._config = config
         self._odometry.drive = self._command.drive = config.drive
         self._command.timeout = config.cmd_vel_timeout
@@ -188,13 +194,20 @@ class OdometryNode(Node):
             self.get_logger().warning(
                 'cmd_vel asks for more than linear.x and angular.z: no wheel can do that, it is '
                 'ignored')
-        now = time.monotonic()
-        if now - self._ticked_at > self._overdue:
-            self._tick(now)
-        late_ns = self._lateness.of(
-            sent_ns, time.monotonic_ns(), self._monitor.has_new_commander)
+        late_ns = 0
+        if not self._is_simulated:
+            late_ns = self._lateness.of(sent_ns, _steady_ns(), self._monitor.has_new_commander)
+            self._say_doubt()
         self._command.accept(linear.x, angular.z, self._command_ns(), late_ns)
         self._start_commanding()
+
+    def _say_doubt(self) -> None:
+        if self._lateness.doubtful_ns:
+            self.get_logger().warning(
+                f'cmd_vel goes on to come {self._lateness.doubtful_ns * 1e-9:.1f} s later than '
+                'before: taken for that of another clock')
+            self._lateness.doubtful_ns = 0
+            self._command.counts['taken for another clock'] += 1
 
     def _start_commanding(self) -> None:
         self._is_commanding = True
@@ -202,16 +215,22 @@ class OdometryNode(Node):
             self._timer.reset()
             self._ticked_at = time.monotonic()
 
+    def keep_time(self) -> None:
+        """Do the timer's work if it is overdue; to be called between two callbacks."""
+        now = time.monotonic()
+        if now - self._ticked_at > self._overdue:
+            self._tick(now)
+
     def _on_timer(self) -> None:
         now = time.monotonic()
-        if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see _keep_time
+        if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see keep_time
             self._tick(now)
 
     def _command_ns(self) -> int:
         """Return the time in which commands age [ns]: simulation time, or a steady clock's."""
         if self._is_simulated:
             return int(self.get_clock().now().nanoseconds)
-        return time.monotonic_ns()
+        return _steady_ns()
 
     @property
     def _is_simulated(self) -> bool:
@@ -226,8 +245,8 @@ class OdometryNode(Node):
             speeds = of_each(joints, self._sent.left, self._sent.right)
             self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
             self._monitor.sampled_at = now
-        self._hold(NO_CLOCK, self._clock_stands_still(now_ns))
-        self._hold(NO_FEEDBACK, self._feedback_is_lost())
+        self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
+        self._command.hold(NO_FEEDBACK, self._feedback_is_lost())
         self._sent = self._command.step(now_ns)
         if self._is_commanding:
             self._sender.send(self._sent.left, self._sent.right, stamp)
@@ -242,28 +261,19 @@ class OdometryNode(Node):
                 self.get_logger().warning(
                     f'{self._command_complaint}; wheels stopped', throttle_duration_sec=1.0)
 
-    def _hold(self, reason: str, is_so: bool) -> None:
-        if is_so:
-            self._command.holds.add(reason)
-        else:
-            self._command.holds.discard(reason)
-
     def _clock_stands_still(self, now_ns: int) -> bool:
         """Return whether simulation time has not moved for long, on the steady clock."""
         if not self._is_simulated:
             return False
         if now_ns != self._clock_ns:
             self._clock_ns, self._clock_moved_at = now_ns, time.monotonic()
-        return time.monotonic() - self._clock_moved_at > LONGEST_WITHOUT_CLOCK
+        return not now_ns or time.monotonic() - self._clock_moved_at > LONGEST_WITHOUT_CLOCK
 
     def _feedback_is_lost(self) -> bool:
         longest = self._config.stop_on_feedback_loss
         return bool(longest) and self._monitor.silence() > longest
 
     def _on_joint_states(self, payload: bytes) -> None:
-        now = time.monotonic()
-        if now - self._ticked_at > self._overdue:
-            self._tick(now)
         try:
             names, positions, velocities, stamp_ns, all_names = self._reader.read(payload)
         except WireError as error:
@@ -275,7 +285,7 @@ class OdometryNode(Node):
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
             stamp_ns = self.get_clock().now().nanoseconds
         if self._on_wheels(names, positions, velocities, stamp_ns):
-            self._monitor.sampled_at = now
+            self._monitor.sampled_at = time.monotonic()
         else:
             self._monitor.heard_in_vain(all_names)
 
@@ -297,15 +307,25 @@ class OdometryNode(Node):
         if restarted_ns is not None:
             self._odometry.restart(restarted_ns)
             self._odom_due_ns = None
-        if self._odometry.update(left, right, stamp_ns):
+        try:
+            is_new = self._odometry.update(left, right, stamp_ns)
+        except ValueError as error:  # a step without bounds: the next sample goes on from here
+            self._feedback.refuse(str(error))
+            self._say_feedback_complaint()
+            return True
+        if is_new:
             self._publish_odometry(stamp_ns if odom_ns is None else odom_ns)
         return True
 
     def _say_feedback_complaint(self) -> None:
-        self._feedback_complaint = self._feedback.complaint
-        if self._feedback_complaint:
-            self.get_logger().warning(
-                f'joint_states: {self._feedback_complaint}', throttle_duration_sec=1.0)
+        """Say what is wrong when it changes, at most once a second; what waits is said then."""
+        complaint, now = self._feedback.complaint, time.monotonic()
+        if complaint and now - self._complained_at < 1.0:
+            return
+        self._feedback_complaint = complaint
+        if complaint:
+            self._complained_at = now
+            self.get_logger().warning(f'joint_states: {complaint}')
 
     def _publish_odometry(self, stamp_ns: int) -> None:
         if self._config.publish_rate and not self._is_due(stamp_ns):
@@ -333,10 +353,12 @@ class OdometryNode(Node):
                     f'{self._config.odom_frame!r}')
             self._odometry.reset(*read_pose(message))
         except ValueError as error:
-            self.get_logger().warning(f'set_pose was refused: {error}')
+            self.get_logger().warning(
+                f'set_pose was refused: {error}', throttle_duration_sec=1.0)
         else:
             x, y, theta = self._odometry.pose
-            self.get_logger().info(f'pose set to {x:g} m, {y:g} m, {theta:g} rad')
+            self.get_logger().info(
+                f'pose set to {x:g} m, {y:g} m, {theta:g} rad', throttle_duration_sec=1.0)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         self._odometry.reset()
@@ -344,7 +366,7 @@ class OdometryNode(Node):
         return response
 
     def _on_enable(self, request: Any, response: Any) -> Any:
-        self._hold(DISABLED, not request.data)
+        self._command.hold(DISABLED, not request.data)
         self._start_commanding()
         response.success = True
         response.message = 'the next command is driven' if request.data else 'the wheels are held'
@@ -352,6 +374,11 @@ class OdometryNode(Node):
 
     def _now(self) -> Time:
         return self.get_clock().now().to_msg()
+
+
+def _steady_ns() -> int:
+    """Return the time since the machine was started [ns], that of its sleep too."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 def _nanoseconds(stamp: Time) -> int:
@@ -363,7 +390,7 @@ def main() -> None:
     sys.exit(spinning.run(
         'odometry', __doc__,
         lambda: OdometryNode(parameter_file=spinning.has_parameter_file()),
-        OdometryNode.stop_wheels))
+        OdometryNode.stop_wheels, keep_time=OdometryNode.keep_time))
 
 
 if __name__ == '__main__':

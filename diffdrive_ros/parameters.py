@@ -40,6 +40,8 @@ NOT_NEGATIVE = Rule('must be finite and zero or more', lambda value: 0.0 <= valu
 POSITIVE_OR_NAN = Rule(
     'must be positive and finite, or .nan for none',
     lambda value: 0.0 < value < math.inf or math.isnan(value))
+RATE_OR_NONE = Rule(
+    'must be zero, or from 0.001 to 1000 Hz', lambda value: not value or 0.001 <= value <= 1000.0)
 RATE = Rule('must be from 1 to 1000 Hz', lambda value: 1.0 <= value <= 1000.0)
 WINDOW = Rule('must be from 1 to 10000', lambda value: 1 <= value <= 10000)
 FACTOR = Rule('must be from 0.1 to 10', lambda value: 0.1 <= value <= 10.0)
@@ -217,8 +219,9 @@ def follow_changes(
 
     def with_points(changes: list[Parameter]) -> list[Parameter]:
         return [
-            Parameter(change.name, value=by_name[change.name].with_point(change.value))
-            if change.name in by_name else change for change in changes]
+            change if change.name not in by_name or (
+                point := by_name[change.name].with_point(change.value)) is change.value
+            else Parameter(change.name, value=point) for change in changes]
 
     def validate(changes: list[Parameter]) -> SetParametersResult:
         try:

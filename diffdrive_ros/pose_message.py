@@ -8,6 +8,9 @@ import numpy as np
 # Where x, y and yaw stand in the six rows and columns of a message's covariance.
 PLANAR = (0, 1, 5)
 
+# From here on [m] the motion of a wheel would be lost in the rounding.
+LARGEST = 1e9
+
 
 def read_pose(message: Any) -> tuple[Array, Array | None]:
     """
@@ -23,8 +26,8 @@ def read_pose(message: Any) -> tuple[Array, Array | None]:
     if math.hypot(q.x, q.y) > 0.01:
         raise ValueError(f'orientation = ({q.x}, {q.y}, {q.z}, {q.w}): must be about the z axis')
     x, y = pose.position.x, pose.position.y
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(f'position = ({x}, {y}): must be finite')
+    if not (abs(x) < LARGEST and abs(y) < LARGEST):
+        raise ValueError(f'position = ({x}, {y}): must be finite and below {LARGEST:g} m')
     covariance = np.reshape(message.pose.covariance, (6, 6))
     planar = covariance[np.ix_(PLANAR, PLANAR)]
     return np.array([x, y, 2.0 * math.atan2(q.z, q.w)]), planar if planar.any() else None

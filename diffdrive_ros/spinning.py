@@ -37,11 +37,14 @@ START_ERRORS = (StartError, RuntimeError, ParameterException, NameValidationExce
 def run(
     name: str, description: str, make_node: Callable[[], NodeT],
     last_words: Callable[[NodeT], None], arguments: Sequence[str] | None = None,
+    keep_time: Callable[[NodeT], None] | None = None,
 ) -> int:
     """
     Run a node until a signal ends it; return the exit code of the process.
 
     last_words is called with the node before anything of it is destroyed, whatever ended it.
+    keep_time is called with it between two callbacks: an executor that is flooded by messages or
+    requests of any kind may keep its timers waiting for long.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     stop = _catch_signals()
@@ -56,7 +59,7 @@ def run(
         rclpy.try_shutdown()
         return 1
     try:
-        _spin(executor, node, last_words, stop)
+        _spin(executor, node, last_words, keep_time, stop)
     finally:
         rclpy.try_shutdown()
     return 0
@@ -104,7 +107,8 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def _spin(
-    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None], signals: int,
+    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None],
+    keep_time: Callable[[NodeT], None] | None, signals: int,
 ) -> None:
     executor.add_node(node)
     stop: list[bytes] = []  # cheaper to look at than an event
@@ -118,6 +122,8 @@ def _spin(
         while not stop:
             # Not spin(): that of EventsExecutor hangs in rclpy before 7.1.8.
             executor.spin_once(timeout_sec=0.5)
+            if keep_time:
+                keep_time(node)
     finally:
         last_words(node)
         executor.remove_node(node)

@@ -19,6 +19,8 @@ UNKNOWN = 1e6
 
 FULL_TURN = 2.0 * math.pi
 
+END_OF_TIME_NS = 2**31 * 1_000_000_000  # of a stamp, whose seconds are of 32 bits with a sign
+
 PREAMBLE = 4  # bytes
 AFTER_STAMP = PREAMBLE + 8
 BYTE_ORDERS = {b'\0\0': '>', b'\0\1': '<'}
@@ -81,9 +83,11 @@ class JointStateReader:
             values = unpack(payload)
             if (values[0] == preamble and values[3:middle] == head
                     and (values[middle], values[last], values[-1]) == counts):
+                stamp_ns = values[1] * 1_000_000_000 + values[2]
+                if stamp_ns >= END_OF_TIME_NS:
+                    raise WireError(f'stamp = {values[1]} s + {values[2]} ns: must be before 2038')
                 return (
-                    names, values[middle + 1:last], values[last + 1:-1],
-                    values[1] * 1_000_000_000 + values[2], all_names)
+                    names, values[middle + 1:last], values[last + 1:-1], stamp_ns, all_names)
         self._layouts.appendleft(self._learn(payload))
         return self.read(payload)
 
@@ -140,6 +144,8 @@ class _Scan:
         size = self.count()
         start = self.at
         self._advance(size, 'a text')
+        if size and self._payload[self.at - 1]:
+            raise WireError(f'a text ends at byte {self.at} without a zero: must end with one')
         return self._payload[start:max(start, self.at - 1)].decode(errors='replace')
 
     def doubles(self, count: int) -> int:
@@ -249,4 +255,5 @@ def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, tuple[float, flo
 def _capped(xx: float, xy: float, xt: float, yy: float, yt: float, tt: float) -> Triangle:
     """Return a covariance with no variance above UNKNOWN, scaled so that it stays one."""
     x, y, theta = (math.sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
-    return xx * x * x, xy * x * y, xt * x * theta, yy * y * y, yt * y * theta, tt * theta * theta
+    return (min(xx, UNKNOWN), xy * x * y, xt * x * theta, min(yy, UNKNOWN), yt * y * theta,
+            min(tt, UNKNOWN))

@@ -1,5 +1,5 @@
 """A driver's station for tests: what is published and heard around the nodes under test."""
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 import signal
 import subprocess
 import sys
@@ -116,6 +116,14 @@ def wait_until(
     while not is_so():
         assert time.monotonic() < deadline, 'it did not become so in time'
         time.sleep(pause)
+
+
+def is_ramp(steps: Iterable[float], size: float) -> bool:
+    """Return whether steps are of a size, or of up to five where a busy machine left some out."""
+    steps = sorted(steps)
+    return bool(
+        steps and size - 1e-9 < steps[0] and steps[-1] < 5.0 * size + 1e-9
+        and abs(steps[len(steps) // 2] - size) < 1e-9)
 
 
 def twist(linear: float, angular: float) -> Twist:

@@ -4,6 +4,7 @@ import math
 
 from diffdrive_ros.command import CommandPath, STOP, WheelCommand
 from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.limits import AxisLimits
 from hypothesis import assume, example, given, strategies as st
 import numpy as np
 import pytest
@@ -246,3 +247,34 @@ def test_without_a_timeout_no_command_is_too_old() -> None:
     path = CommandPath(ROBOT, 0.0)
     path.accept(0.2, 0.1, BOOT_NS, late_ns=10**12)
     assert path.step(BOOT_NS).linear == pytest.approx(0.2)
+
+
+@given(st.lists(st.integers(1, 5), min_size=30, max_size=30))
+def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> None:
+    """A machine that is too busy for the rate stops the robot as soon as one that is not."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=1.0, max_deceleration=-1.0), period=0.02)
+    now = BOOT_NS
+    for _ in range(150):
+        now += 20_000_000
+        path.accept(2.0, 0.0, now)
+        fastest = path.step(now)
+    assert fastest.linear == pytest.approx(2.0)
+    path.accept(0.0, 0.0, now)
+    start = now
+    for gap in gaps:
+        now += gap * 20_000_000
+        sent = path.step(now)
+        # A gap of two periods may still be jitter: it counts as one.
+        assert sent.linear >= max(0.0, 2.0 - (now - start) * 1e-9) - 1e-9
+    steps = sum(gap if gap > 2 else 1 for gap in gaps)
+    assert sent.linear == pytest.approx(max(0.0, 2.0 - 0.02 * steps), abs=1e-9)
+
+
+def test_to_hold_for_a_moment_forgets_the_command() -> None:
+    """Also when the hold has ended before the next step."""
+    path = path_with(0.5, 0.8)
+    path.step(BOOT_NS)
+    path.hold('by hand', True)
+    path.hold('by hand', False)
+    assert path.step(BOOT_NS + 1) == STOP

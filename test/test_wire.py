@@ -17,7 +17,7 @@ OURS = ('front_left', 'rear_right', 'ĺ')  # the last one is of two bytes
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 names = st.lists(st.sampled_from((*OURS, 'arm', '', 'front_lef', 'front_left2')), max_size=9)
-stamps = st.tuples(st.integers(-2**31, 2**31 - 1), st.integers(0, 2**32 - 1))
+stamps = st.tuples(st.integers(-2**31, 2**31 - 6), st.integers(0, 2**32 - 1))
 
 
 @st.composite
@@ -134,6 +134,21 @@ def test_any_bytes_are_read_or_refused(message: JointState, data: st.DataObject)
         return
     assert same(JointStateReader(OURS).read(bytes(wrong)), got)
     assert len(got[0]) == sum(name in OURS for name in got[4])
+
+
+def test_a_stamp_that_no_answer_can_have_is_refused() -> None:
+    """Its nanoseconds lead beyond the last second that there is."""
+    message = JointState(name=['front_left'], position=[1.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 10**9
+    with pytest.raises(WireError, match=r'^stamp = 2147483647 s \+ 1000000000 ns: must be before'):
+        JointStateReader(OURS).read(payload(message))
+
+
+def test_a_text_without_its_zero_is_refused() -> None:
+    """Whatever its last character is, the name is another one."""
+    whole = payload(JointState(name=['front_left'], position=[1.0]))
+    with pytest.raises(WireError, match='without a zero: must end with one'):
+        JointStateReader(OURS).read(whole.replace(b'left\0', b'leftX'))
 
 
 def test_lengths_that_lie_are_refused_with_where_they_would_lead() -> None:
