@@ -33,6 +33,8 @@ setup(
     install_requires=['numpy'],
     extras_require={
         'demo': ['matplotlib', 'rich'],
+        # What the tools for logs need, and the node does not.
+        'offline': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy'],
         # colcon runs pytest because it finds it here. The linters keep to one minor version,
         # so that a new release of theirs fails nobody's build.
         'test': [

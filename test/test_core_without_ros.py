@@ -16,6 +16,7 @@ CORE = {
     'se2': {'arguments'},
     'kinematics': {'arguments', 'se2'},
     'odometry': {'arguments', 'se2', 'kinematics'},
+    'linearization': {'arguments', 'se2', 'kinematics', 'odometry'},
     'feedback': {'arguments', 'se2', 'kinematics'},
     'lateness': set(),
     'limits': set(),
@@ -23,6 +24,10 @@ CORE = {
     'wire': {'arguments', 'se2', 'kinematics', 'odometry'},
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
+}
+# The tools for logs, which may need these besides; the core may need none of it.
+OFFLINE = {
+    'calibration': ({'arguments', 'se2', 'kinematics', 'odometry', 'linearization'}, {'scipy'}),
 }
 MODULES = [name for name in CORE if (PACKAGE / f'{name}.py').exists()]
 
@@ -97,6 +102,16 @@ def test_the_core_drives_a_circle_where_ros_cannot_be_imported():
 def test_arrows_between_the_modules_go_one_way(module):
     own = {name.split('.')[1] for name in imports_of(module) if name.startswith('diffdrive_ros.')}
     assert own <= CORE[module]
+
+
+@pytest.mark.parametrize('module', OFFLINE)
+def test_the_tools_for_logs_stand_on_the_core_and_need_no_ros(module):
+    imports = imports_of(module)
+    own = {name.split('.')[1] for name in imports if name.startswith('diffdrive_ros.')}
+    others = {name.partition('.')[0] for name in imports} - {'diffdrive_ros'}
+    may_stand_on, may_need = OFFLINE[module]
+    assert own <= may_stand_on
+    assert others <= {'numpy', *sys.stdlib_module_names} | may_need
 
 
 @pytest.mark.parametrize('module', MODULES)

@@ -1,0 +1,546 @@
+"""
+From drives with a reference to the geometry of the robot, the noise of its wheels, and error bars.
+
+Each drive gives poses of a marker on the robot, in a frame and a clock of their own. What odometry
+would have said of them is linear, to first order, in what is unknown: the geometry, common to all
+drives, as the marker's place on the robot is; the start pose and the offset of the clocks, of each
+drive. The errors are not independent: the wheels' noise adds up along the drive. So the residuals
+of a whole drive are weighed by their full covariance,
+
+    C = travel C_travel + turn C_turn
+        + position^2 C_position + heading^2 C_heading + time^2 C_time ,
+
+the first two as Odometry propagates them, then the capture's own noise and the jitter of its
+stamps. The sizes are those that make the data the likeliest, the degrees of freedom that the fit
+takes away being accounted for (restricted maximum likelihood: Patterson and Thompson, Biometrika
+58, 1971). Poses that the others contradict count less, by Huber's rule.
+"""
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+import math
+
+from diffdrive_ros import se2
+from diffdrive_ros.arguments import Array
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.linearization import linearize
+from diffdrive_ros.odometry import GeometryUncertainty, integrate, ORIGIN, WheelNoise
+import numpy as np
+from scipy import linalg, optimize
+from scipy.stats import chi2
+
+# Poses of the reference that are used of each drive, at equal distances along it. Neighbours of a
+# dense reference share errors which no white noise describes; more of them would only feign.
+POSES = 50
+
+# A pose whose normalised squared deviation from what the others say is above this counts less.
+HUBER = float(chi2.ppf(0.999, 3))
+
+# A drive less likely than this, given the others, is left out.
+OUTLIER = 1e-4
+ROUGHER = 4.0  # or whose own noise is this many times that of the others, in variance
+
+# What cannot be known this well, relative to itself, is taken for not observed.
+OBSERVED = 0.1
+
+MEASURES = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
+
+
+class CalibrationError(ValueError):
+    """The drives do not tell what is asked; the message says why."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """
+    A log: wheel angles [rad] and poses of a reference, both with stamps [s] of one clock.
+
+    seconds, left, right: (N,), seconds growing. reference_seconds: (M,), growing; reference:
+    (M, 3), the marker's poses in any frame, headings continuous or not. Raises CalibrationError.
+    """
+
+    name: str
+    seconds: Array
+    left: Array
+    right: Array
+    reference_seconds: Array
+    reference: Array
+
+    def __post_init__(self) -> None:
+        for what, stamps in (('wheels', self.seconds), ('reference', self.reference_seconds)):
+            if stamps.size < 2:
+                raise CalibrationError(
+                    f'{self.name}: the {what} have {stamps.size} samples: must be 2 or more')
+            if not (np.diff(stamps) > 0.0).all():
+                raise CalibrationError(f'{self.name}: stamps of the {what} must grow')
+        inside = self._inside()
+        if np.count_nonzero(inside) < 3:
+            raise CalibrationError(
+                f'{self.name}: the reference, from {self.reference_seconds[0]:.3f} to '
+                f'{self.reference_seconds[-1]:.3f} s, does not overlap the wheels, from '
+                f'{self.seconds[0]:.3f} to {self.seconds[-1]:.3f} s')
+        if not self.travel()[-1] > 0.0:
+            raise CalibrationError(f'{self.name}: the wheels do not turn')
+
+    def _inside(self) -> Array:
+        stamps = self.reference_seconds
+        inside: Array = (stamps >= self.seconds[0]) & (stamps <= self.seconds[-1])
+        return inside
+
+    def travel(self) -> Array:
+        """Return how far both wheels together have turned until each sample [rad], (N,)."""
+        steps = np.abs(np.diff(self.left)) + np.abs(np.diff(self.right))
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def thinned(self, count: int) -> 'Drive':
+        """Return the drive with at most so many poses of its reference, evenly along the way."""
+        inside = np.flatnonzero(self._inside())
+        way = np.interp(self.reference_seconds[inside], self.seconds, self.travel())
+        wanted = np.linspace(way[0], way[-1], count)
+        chosen = inside[np.unique(np.minimum(np.searchsorted(way, wanted), len(inside) - 1))]
+        chosen[-1] = inside[-1]
+        return replace(
+            self, reference_seconds=self.reference_seconds[chosen],
+            reference=self.reference[chosen])
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What is estimated besides geometry and noise: offsets of clocks, the marker's place."""
+
+    time_offset: bool = True
+    marker: bool = True
+
+
+@dataclass(frozen=True)
+class DriveReport:
+    """What the calibration says of one drive; residuals are (K, 3), at distances (K,) [m]."""
+
+    name: str
+    start: Array
+    time_offset: float
+    """How much later the wheels' clock is than the reference's [s]."""
+    outlier: str
+    """Why the drive was left out; '' if it was not."""
+    metres: Array = field(repr=False)
+    residuals: Array = field(repr=False)
+    weights: Array = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """
+    The geometry with its covariance, (3, 3), in the order of MEASURES, and the noise.
+
+    not_observed says in words what the drives could not tell; it keeps its nominal value. marker
+    is the pose of the marker in the body frame, and marker_std its deviations, (3,).
+    """
+
+    drive: DiffDrive
+    covariance: Array
+    noise: WheelNoise
+    position_std: float
+    heading_std: float
+    time_std: float
+    marker: Array
+    marker_std: Array
+    not_observed: tuple[str, ...]
+    drives: tuple[DriveReport, ...]
+
+    @property
+    def deviations(self) -> Array:
+        """Return the deviations of the geometry [m], (3,); 0 for what was not observed."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def uncertainty(self) -> GeometryUncertainty:
+        """Return how well the geometry is known, for Odometry."""
+        return GeometryUncertainty(*self.deviations.tolist())
+
+
+def calibrate(
+    drives: Sequence[Drive], nominal: DiffDrive, terms: Terms | None = None,
+) -> Calibration:
+    """
+    Return the calibration by drives with a reference, outliers among them left out.
+
+    nominal is where the search starts, and what stays of what is not observed. Raises
+    CalibrationError if there is nothing that the drives can tell.
+    """
+    if not drives:
+        raise CalibrationError('no drives to calibrate by')
+    terms = terms or Terms()
+    outliers: dict[int, str] = {}
+    while True:
+        kept = [drive for index, drive in enumerate(drives) if index not in outliers]
+        fit = _Fit(kept, nominal, terms)
+        fit.run()
+        worst = fit.worst_drive() if len(kept) > max(2, 2 * len(drives) // 3) else None
+        if worst is None:
+            break
+        index = [index for index in range(len(drives)) if index not in outliers][worst[0]]
+        outliers[index] = worst[1]
+    return fit.calibration(drives, outliers)
+
+
+# Logarithms of the separation, the mean radius and the ratio of the radii, which are estimated.
+_CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
+    ((0, 1, 2), ()),
+    # Turns alone give the ratio of separation and radii; these are better known by hand.
+    ((0, 2), ('the mean of the wheel radii: the drives go too little way to tell it',)),
+    ((1, 2), ('wheel_separation: the drives turn too little to tell it',)),
+    ((1,), ('wheel_separation and the ratio of the wheel radii: the drives are too short',)),
+)
+
+# Deviations of what is barely known beforehand; they keep the fit determinate where, as on a
+# straight line, nothing tells an offset of the marker from another start.
+_MARKER_PRIOR = (0.3, 0.3, 3.0)  # [m, m, rad]
+_OFFSET_PRIOR = 0.2  # [s]
+
+# Variances: where the search starts, and its bounds.
+_STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-5, 1e-5])
+_BOUNDS = [(1e-12, 1e-1), (1e-11, 1e1), (1e-14, 1e0), (1e-14, 1e0), (1e-12, 1e0)]
+
+_RATE = 0.02  # [s], over which the rate of the poses is taken
+
+
+@dataclass
+class _State:
+    """One drive within the fit."""
+
+    drive: Drive
+    start: Array
+    time_offset: float
+    weights: Array
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """One drive's residuals, (n,), their derivatives, (n, locals + common), and components."""
+
+    residuals: Array
+    local: Array
+    common: Array
+    components: Array  # (5, n, n)
+
+
+@dataclass
+class _Solution:
+    """What the normal equations of all drives give."""
+
+    common: Array  # the step
+    information: Array
+    covariance: Array
+    locals_: list[Array]
+    normals: list[tuple[Array, Array]]  # of each drive, its own unknowns eliminated
+    objective: float
+    gradient: Array
+    smooth: list[Array]  # C^-1 (e - J x) of each drive
+    inverses: list[Array]  # C^-1 of each drive
+
+
+class _Fit:
+    """Gauss and Newton's steps for what is unknown, with the likeliest noise at each."""
+
+    def __init__(self, drives: Sequence[Drive], nominal: DiffDrive, terms: Terms) -> None:
+        self.nominal, self.terms = nominal, terms
+        self.geometry = np.log([
+            nominal.wheel_separation,
+            math.sqrt(nominal.left_wheel_radius * nominal.right_wheel_radius),
+            nominal.right_wheel_radius / nominal.left_wheel_radius])
+        self.marker: Array = np.zeros(3)
+        self.variances = _STARTS.copy()
+        self.free, self.not_observed = _CHOICES[0]
+        thinned = [drive.thinned(POSES) for drive in drives]
+        if terms.marker:
+            self.marker[2] = _marker_heading(thinned, nominal)
+        self.states = [_State(
+            drive, se2.compose(drive.reference[0], se2.inverse(self.marker)), 0.0,
+            np.ones(len(drive.reference))) for drive in thinned]
+        self._choose_what_is_observed()
+
+    @property
+    def drive(self) -> DiffDrive:
+        """Return the geometry."""
+        separation, radius, ratio = np.exp(self.geometry).tolist()
+        return DiffDrive(separation, radius / math.sqrt(ratio), radius * math.sqrt(ratio))
+
+    def run(self) -> None:
+        """Iterate until the geometry stands still."""
+        for _ in range(20):
+            linears = [self._linear(state) for state in self.states]
+            self._fit_noise(linears)
+            self.solution = self._solve(linears, self.variances)
+            self._step(self.solution)
+            self._weigh(self.solution)
+            small = 1e-2 * np.sqrt(np.diag(self.solution.covariance))
+            if (np.abs(self.solution.common) <= small).all():
+                break
+        self.linears = [self._linear(state) for state in self.states]
+        self.solution = self._solve(self.linears, self.variances)
+
+    def _choose_what_is_observed(self) -> None:
+        linears = [self._linear(state) for state in self.states]
+        every = self._solve(linears, self.variances).information
+        for free, not_observed in _CHOICES:
+            chosen = [*free, *range(3, len(every))]
+            information = every[np.ix_(chosen, chosen)]
+            if np.linalg.cond(_scaled(information)) > 1e12:
+                continue
+            deviations = np.sqrt(np.diag(np.linalg.inv(information)))[:len(free)]
+            if (deviations < OBSERVED).all():
+                self.free, self.not_observed = free, not_observed
+                return
+        raise CalibrationError(
+            'the drives tell neither the separation nor the radii of the wheels: they are too '
+            'short, or the robot stood')
+
+    def _linear(self, state: _State) -> _Linear:
+        drive = state.drive
+        left, right, asked = _resampled(drive, state.time_offset)
+        linear = linearize(self.drive, left, right, state.start, asked)
+        poses, seen = linear.poses, se2.compose(linear.poses, self.marker)
+        later, earlier = (
+            self._seen(state, state.time_offset + 0.5 * lasts) for lasts in (_RATE, -_RATE))
+        rate = (later - earlier) / _RATE
+        # How an error of the body's pose, and of the marker on it, moves the marker.
+        count = len(poses)
+        moves = np.tile(np.eye(3), (count, 1, 1))
+        moves[:, 0, 2], moves[:, 1, 2] = -(seen - poses)[:, 1], (seen - poses)[:, 0]
+        geometry = moves @ linear.by_geometry @ _by_logarithms(self.drive)
+        common, local = [geometry[:, :, self.free]], [moves @ linear.by_start]
+        if self.terms.marker:
+            turned = np.tile(np.eye(3), (count, 1, 1))
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+            turned[:, 0, 0], turned[:, 0, 1] = cos, -sin
+            turned[:, 1, 0], turned[:, 1, 1] = sin, cos
+            common.append(turned)
+        if self.terms.time_offset:
+            local.append(rate[:, :, np.newaxis])
+        residuals = drive.reference - seen
+        residuals[:, 2] = se2.wrap_angle(residuals[:, 2])
+        from_origin = moves @ linear.seen_from
+        components = np.stack([
+            _walk(from_origin, linear.left_noise + linear.right_noise),
+            _walk(from_origin, linear.turn_noise),
+            _blocks(np.tile(np.diag([1.0, 1.0, 0.0]), (count, 1, 1)), state.weights),
+            _blocks(np.tile(np.diag([0.0, 0.0, 1.0]), (count, 1, 1)), state.weights),
+            _blocks(rate[:, :, np.newaxis] * rate[:, np.newaxis, :], state.weights),
+        ])
+        rows = residuals.size
+        return _Linear(
+            residuals.ravel(), np.concatenate(local, axis=-1).reshape(rows, -1),
+            np.concatenate(common, axis=-1).reshape(rows, -1), components)
+
+    def _seen(self, state: _State, offset: float) -> Array:
+        """Return the poses of the marker at the stamps of the reference, (K, 3)."""
+        left, right, asked = _resampled(state.drive, offset)
+        poses = integrate(self.drive, left, right, state.start)[asked]
+        return se2.compose(poses, self.marker)
+
+    def _fit_noise(self, linears: list[_Linear]) -> None:
+        """Set the variances to the likeliest."""
+        def objective(logarithms: Array) -> tuple[float, Array]:
+            variances = np.exp(logarithms)
+            solution = self._solve(linears, variances)
+            return solution.objective, solution.gradient * variances
+
+        # One that was tiny while the geometry was still wrong could not leave there by itself.
+        tried = np.maximum(self.variances, 0.02 * _STARTS)
+        found = optimize.minimize(
+            objective, np.log(tried), jac=True, method='L-BFGS-B',
+            bounds=np.log(_BOUNDS).tolist(), options={'maxiter': 40, 'ftol': 1e-7})
+        self.variances = np.exp(found.x)
+
+    def _solve(self, linears: list[_Linear], variances: Array) -> _Solution:
+        """Return the generalised least squares for given variances, and how likely they are."""
+        size = linears[0].common.shape[1]
+        information, right_side = np.zeros((size, size)), np.zeros(size)
+        if self.terms.marker:
+            prior = 1.0 / np.square(_MARKER_PRIOR)
+            information[-3:, -3:] += np.diag(prior)
+            right_side[-3:-1] -= prior[:2] * self.marker[:2]
+        objective, parts, normals = 0.0, [], []
+        for linear, state in zip(linears, self.states, strict=True):
+            inverse, determinant = _inverse(np.tensordot(variances, linear.components, 1))
+            derivatives = np.concatenate([linear.local, linear.common], axis=1)
+            weighed = inverse @ derivatives
+            own = linear.local.shape[1]
+            normal, side = derivatives.T @ weighed, weighed.T @ linear.residuals
+            if self.terms.time_offset:
+                normal[own - 1, own - 1] += 1.0 / _OFFSET_PRIOR**2
+                side[own - 1] -= state.time_offset / _OFFSET_PRIOR**2
+            own_inverse = np.linalg.inv(normal[:own, :own])
+            eliminated = own_inverse @ np.column_stack([side[:own], normal[:own, own:]])
+            normals.append((
+                normal[own:, own:] - normal[own:, :own] @ eliminated[:, 1:],
+                side[own:] - normal[own:, :own] @ eliminated[:, 0]))
+            information += normals[-1][0]
+            right_side += normals[-1][1]
+            objective += (
+                determinant - np.linalg.slogdet(own_inverse)[1]
+                + linear.residuals @ inverse @ linear.residuals - side[:own] @ eliminated[:, 0])
+            parts.append((inverse, derivatives, weighed, own_inverse, eliminated))
+        covariance = np.linalg.inv(information)
+        common = covariance @ right_side
+        objective += np.linalg.slogdet(information)[1] - right_side @ common
+        gradient = np.zeros(len(variances))
+        locals_, smooth = [], []
+        for linear, (inverse, derivatives, weighed, own_inverse, eliminated) in zip(
+                linears, parts, strict=True):
+            local = eliminated[:, 0] - eliminated[:, 1:] @ common
+            locals_.append(local)
+            unknown = np.concatenate([local, common])
+            smooth.append(inverse @ (linear.residuals - derivatives @ unknown))
+            across = -eliminated[:, 1:] @ covariance
+            joint = np.block([
+                [own_inverse - across @ eliminated[:, 1:].T, across], [across.T, covariance]])
+            moved = linear.components @ weighed
+            gradient += (
+                np.einsum('kij,ij->k', linear.components, inverse)
+                - np.einsum('kia,ib,ab->k', moved, weighed, joint, optimize=True)
+                - (linear.components @ smooth[-1]) @ smooth[-1])
+        return _Solution(
+            common, information, covariance, locals_, normals, float(objective), gradient, smooth,
+            [part[0] for part in parts])
+
+    def _step(self, solution: _Solution) -> None:
+        free = list(self.free)
+        self.geometry[free] += np.clip(solution.common[:len(free)], -0.3, 0.3)
+        if self.terms.marker:
+            self.marker = self.marker + solution.common[-3:]
+        for state, local in zip(self.states, solution.locals_, strict=True):
+            state.start = state.start + local[:3]
+            if self.terms.time_offset:
+                state.time_offset += float(np.clip(local[3], -0.05, 0.05))
+
+    def _weigh(self, solution: _Solution) -> None:
+        """Let poses count less that contradict what all the others say of them."""
+        for state, inverse, smooth in zip(
+                self.states, solution.inverses, solution.smooth, strict=True):
+            count = len(state.weights)
+            blocks = inverse.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+            alone = smooth.reshape(count, 3)
+            # Deviation from the others' prediction, blocks^-1 smooth, by its covariance blocks^-1.
+            squares = np.einsum(
+                'ki,ki->k', alone, np.linalg.solve(blocks, alone[:, :, np.newaxis])[:, :, 0])
+            state.weights = np.minimum(1.0, HUBER / np.maximum(squares, 1e-9))
+
+    def worst_drive(self) -> tuple[int, str] | None:
+        """Return which drive fits the others the least, and why it is an outlier, if it is."""
+        solution = self.solution
+        side = np.sum([normal[1] for normal in solution.normals], axis=0)
+        squares = np.array([
+            smooth @ (linear.residuals - linear.local @ local - linear.common @ solution.common)
+            / len(smooth) for smooth, linear, local in zip(
+                solution.smooth, self.linears, solution.locals_, strict=True)])
+        found: list[tuple[float, int, str]] = []
+        for index, (own, own_side) in enumerate(solution.normals):
+            others = np.linalg.inv(solution.information - own)
+            without = own_side - own @ others @ (side - own_side)
+            surprise = float(without @ np.linalg.pinv(own + own @ others @ own) @ without)
+            odds = float(chi2.sf(surprise, len(side))) * len(solution.normals)
+            ratio = float(squares[index] / np.median(np.delete(squares, index)))
+            if odds < OUTLIER:
+                found.append((surprise, index, 'it contradicts the others on the geometry'))
+            if ratio > ROUGHER:
+                found.append((
+                    100.0 * ratio, index,
+                    f'its residuals have {ratio:.0f} times the variance of the others'))
+        return max(found)[1:] if found else None
+
+    def calibration(self, drives: Sequence[Drive], outliers: dict[int, str]) -> Calibration:
+        """Return what was found; drives are all of them, with the outliers by index."""
+        free, solution, drive = list(self.free), self.solution, self.drive
+        by_logarithms = _by_logarithms(drive)[:, free]
+        covariance = by_logarithms @ solution.covariance[:len(free), :len(free)] @ by_logarithms.T
+        travel, turn, position, heading, time = self.variances.tolist()
+        states = iter(self.states)
+        has_marker = self.terms.marker
+        return Calibration(
+            drive=drive, covariance=covariance, noise=WheelNoise(travel, travel, turn),
+            position_std=math.sqrt(position), heading_std=math.sqrt(heading),
+            time_std=math.sqrt(time), marker=self.marker,
+            marker_std=np.sqrt(np.diag(solution.covariance)[-3:]) if has_marker else np.zeros(3),
+            not_observed=self.not_observed,
+            drives=tuple(
+                _left_out(whole, outliers[index]) if index in outliers
+                else self._report(next(states)) for index, whole in enumerate(drives)))
+
+    def _report(self, state: _State) -> DriveReport:
+        residuals = state.drive.reference - self._seen(state, state.time_offset)
+        residuals[:, 2] = se2.wrap_angle(residuals[:, 2])
+        radius = 0.25 * (self.drive.left_wheel_radius + self.drive.right_wheel_radius)
+        metres = radius * np.interp(
+            state.drive.reference_seconds, state.drive.seconds, state.drive.travel())
+        return DriveReport(
+            state.drive.name, state.start, state.time_offset, '', metres, residuals,
+            state.weights)
+
+
+def _left_out(drive: Drive, why: str) -> DriveReport:
+    return DriveReport(
+        drive.name, np.array(ORIGIN), 0.0, why, np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+
+
+def _by_logarithms(drive: DiffDrive) -> Array:
+    """Return the derivatives of MEASURES by the logarithms that are estimated, (3, 3)."""
+    left, right = drive.left_wheel_radius, drive.right_wheel_radius
+    return np.array([
+        [drive.wheel_separation, 0.0, 0.0], [0.0, left, -0.5 * left], [0.0, right, 0.5 * right]])
+
+
+def _resampled(drive: Drive, offset: float) -> tuple[Array, Array, list[int]]:
+    """Return wheel angles, also at the reference's stamps, and which samples these are."""
+    asked = np.clip(drive.reference_seconds + offset, drive.seconds[0], drive.seconds[-1])
+    seconds = np.union1d(drive.seconds, asked)
+    return (
+        np.interp(seconds, drive.seconds, drive.left),
+        np.interp(seconds, drive.seconds, drive.right), np.searchsorted(seconds, asked).tolist())
+
+
+def _marker_heading(drives: Sequence[Drive], nominal: DiffDrive) -> float:
+    """Return about how far the marker is turned against the robot, from where both go."""
+    product = 0.0 + 0.0j
+    for drive in drives:
+        left, right, asked = _resampled(drive, 0.0)
+        moves = []
+        for poses in (integrate(nominal, left, right)[asked], drive.reference):
+            x, y, _ = se2.between(poses[:-1], poses[1:]).T
+            moves.append(x + 1j * y)
+        product += np.vdot(moves[1], moves[0])
+    return float(np.angle(product))
+
+
+def _walk(from_origin: Array, noise: Array) -> Array:
+    """Return the covariance of all poses, (3 K, 3 K), of errors that add up, (K, 3, 3)."""
+    count = len(noise)
+    common = noise[np.minimum.outer(np.arange(count), np.arange(count))]
+    blocks = from_origin[:, np.newaxis] @ common @ from_origin.transpose(0, 2, 1)[np.newaxis]
+    matrix: Array = blocks.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
+    return matrix
+
+
+def _blocks(blocks: Array, weights: Array) -> Array:
+    """Return a covariance, (3 K, 3 K), of errors that are each pose's own, (K, 3, 3)."""
+    count = len(blocks)
+    matrix = np.zeros((count, 3, count, 3))
+    each = np.arange(count)
+    matrix[each, :, each, :] = blocks / weights[:, np.newaxis, np.newaxis]
+    return matrix.reshape(3 * count, 3 * count)
+
+
+def _inverse(covariance: Array) -> tuple[Array, float]:
+    """Return the inverse of a covariance and the logarithm of its determinant."""
+    factor, info = linalg.lapack.dpotrf(covariance, lower=1)
+    if info != 0:
+        raise CalibrationError('the residuals have no valid covariance: are there enough poses?')
+    inverse, _ = linalg.lapack.dpotri(factor, lower=1)
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    return inverse, 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+def _scaled(matrix: Array) -> Array:
+    """Return a matrix with a diagonal of ones."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled: Array = matrix / size / size[:, np.newaxis]
+    return scaled

@@ -1,0 +1,164 @@
+"""Calibration finds the geometry that simulated drives were driven with, and knows how well."""
+from dataclasses import replace
+
+from calibration_consistency import NOISE, NOMINAL, SHAPES, simulated_drive
+from diffdrive_ros import se2
+from diffdrive_ros.calibration import calibrate, CalibrationError, Drive, Terms
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import integrate, WheelNoise
+import numpy as np
+import pytest
+
+TRUTH = DiffDrive(0.3021, 0.0497, 0.0504)
+MARKER = np.array([0.031, -0.012, 1.4])
+STILL = WheelNoise(0.0, 0.0, 0.0)
+
+
+def geometry_of(drive):
+    """Return the measures of a geometry, (3,)."""
+    return np.array([drive.wheel_separation, drive.left_wheel_radius, drive.right_wheel_radius])
+
+
+def exact_drive(name, marker=MARKER, seed=5):
+    """Return a drive without any noise but for what cutting the truth finer brings."""
+    random = np.random.default_rng(seed)
+    return simulated_drive(name, TRUTH, STILL, marker, random, 0.0, 0.0)
+
+
+def noisy_drives(seed=3, names=('square', 'circle back', 'eight', 'there and back')):
+    """Return drives with the noise of the wheels and of the capture."""
+    random = np.random.default_rng(seed)
+    return [simulated_drive(name, TRUTH, NOISE, MARKER, random) for name in names]
+
+
+def test_without_noise_geometry_and_marker_are_found_to_a_thousandth_of_a_percent():
+    found = calibrate([exact_drive(name) for name in ('square', 'eight', 'circle back')], NOMINAL)
+    assert geometry_of(found.drive) == pytest.approx(geometry_of(TRUTH), rel=1e-5)
+    assert found.marker == pytest.approx(MARKER, abs=1e-4)
+    assert found.not_observed == ()
+
+
+def test_with_noise_the_errors_are_as_large_as_the_deviations_say():
+    found = calibrate(noisy_drives(names=tuple(SHAPES)), NOMINAL)
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.0 * found.deviations).all()
+    assert (found.deviations < [1e-3, 2e-4, 2e-4]).all()
+    assert found.noise.left_travel == pytest.approx(NOISE.left_travel, rel=0.5)
+    assert found.position_std == pytest.approx(1e-3, rel=0.3)
+    assert found.heading_std == pytest.approx(4e-3, rel=0.3)
+
+
+def test_the_clock_of_the_reference_may_be_off():
+    # On a circle, driven at one speed, an offset of the clock is but another start.
+    first = noisy_drives(names=('square', 'eight', 'there and back'))
+    later = [
+        replace(drive, reference_seconds=drive.reference_seconds + 0.1) for drive in first]
+    before, after = calibrate(first, NOMINAL), calibrate(later, NOMINAL)
+    for old, new in zip(before.drives, after.drives, strict=True):
+        assert new.time_offset - old.time_offset == pytest.approx(-0.1, abs=5e-3)
+    assert geometry_of(after.drive) == pytest.approx(geometry_of(before.drive), rel=1e-3)
+
+
+def test_the_frame_of_the_reference_does_not_matter():
+    moved = [
+        replace(drive, reference=se2.compose([-7.0, 3.0, 2.5], drive.reference))
+        for drive in noisy_drives()]
+    first, second = (calibrate(drives, NOMINAL) for drives in (noisy_drives(), moved))
+    assert geometry_of(second.drive) == pytest.approx(geometry_of(first.drive), rel=1e-5)
+
+
+def test_gaps_and_wrapped_headings_of_the_reference_do_not_matter():
+    drives = noisy_drives()
+    gappy = []
+    for drive in drives:
+        keep = np.ones(len(drive.reference), bool)
+        keep[40:80] = keep[150:160] = False
+        reference = drive.reference[keep]
+        reference[:, 2] = se2.wrap_angle(reference[:, 2])
+        gappy.append(replace(
+            drive, reference=reference, reference_seconds=drive.reference_seconds[keep]))
+    whole, found = calibrate(drives, NOMINAL), calibrate(gappy, NOMINAL)
+    differences = geometry_of(found.drive) - geometry_of(whole.drive)
+    assert (np.abs(differences) < 2.0 * whole.deviations).all()
+
+
+def test_glitches_of_the_capture_do_not_count():
+    drives = noisy_drives()
+    for drive in drives:
+        drive.reference[::17] += [0.5, -0.3, 0.4]
+    found = calibrate(drives, NOMINAL)
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 4.0 * found.deviations).all()
+
+
+def straight(name='straight', drive=TRUTH, seed=1):
+    """Return a drive along a straight line, with noise."""
+    random = np.random.default_rng(seed)
+    angles = np.linspace(0.0, 100.0, 401)
+    left, right = angles / drive.left_wheel_radius * 0.05, angles / drive.right_wheel_radius * 0.05
+    poses = integrate(drive, left, right, [1.0, 2.0, 0.5])
+    noisy = poses + random.normal(size=poses.shape) * [1e-3, 1e-3, 4e-3]
+    seconds = 0.05 * np.arange(401)
+    return Drive(name, seconds, left, right, seconds, noisy)
+
+
+def test_a_straight_line_gives_the_radii_and_says_that_it_cannot_give_the_separation():
+    found = calibrate([straight(seed=seed) for seed in range(3)], NOMINAL)
+    assert found.not_observed == ('wheel_separation: the drives turn too little to tell it',)
+    assert found.drive.wheel_separation == NOMINAL.wheel_separation
+    assert found.deviations[0] == 0.0
+    radii = geometry_of(found.drive)[1:]
+    assert radii == pytest.approx(geometry_of(TRUTH)[1:], rel=2e-3)
+    assert radii[1] / radii[0] == pytest.approx(0.0504 / 0.0497, rel=1e-3)
+
+
+def test_turns_on_the_spot_give_the_separation_and_say_that_they_cannot_give_the_radii():
+    random = np.random.default_rng(2)
+    angles = np.linspace(0.0, 40.0, 401)
+    seconds = 0.05 * np.arange(401)
+    drives = []
+    for sign in (1.0, -1.0):
+        left, right = -sign * angles, sign * angles * 0.0497 / 0.0504
+        poses = integrate(TRUTH, left, right)
+        noisy = poses + random.normal(size=poses.shape) * [1e-3, 1e-3, 4e-3]
+        drives.append(Drive('spin', seconds, left, right, seconds, noisy))
+    found = calibrate(drives, replace(TRUTH, wheel_separation=0.29), Terms(marker=False))
+    assert 'radii' in found.not_observed[0]
+    assert found.drive.wheel_separation == pytest.approx(TRUTH.wheel_separation, rel=2e-3)
+
+
+def test_a_drive_that_slipped_is_named_and_left_out():
+    drives = noisy_drives()
+    slipped = drives[2]
+    half = len(slipped.reference) // 2
+    turned = se2.compose(slipped.reference[half], se2.compose(
+        [0.05, 0.02, 0.4], se2.between(slipped.reference[half], slipped.reference[half:])))
+    slipped.reference[half:] = turned
+    found = calibrate(drives, NOMINAL)
+    assert [drive.name for drive in found.drives if drive.outlier] == [slipped.name]
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.5 * found.deviations).all()
+
+
+@pytest.mark.parametrize(('change', 'rule'), [
+    ({'reference_seconds': np.arange(401) * 0.05 + 1e9}, 'does not overlap'),
+    ({'seconds': -np.arange(401.0)}, 'stamps of the wheels must grow'),
+    ({'left': np.zeros(401), 'right': np.zeros(401)}, 'the wheels do not turn'),
+    ({'reference_seconds': np.zeros(1), 'reference': np.zeros((1, 3))}, 'must be 2 or more'),
+])
+def test_a_log_that_tells_nothing_is_refused_in_one_line(change, rule):
+    with pytest.raises(CalibrationError, match=rule) as error:
+        replace(straight('run 7'), **change)
+    assert str(error.value).startswith('run 7: ')
+    assert '\n' not in str(error.value)
+
+
+def test_no_drive_and_a_standing_robot_are_refused():
+    with pytest.raises(CalibrationError, match='no drives'):
+        calibrate([], NOMINAL)
+    short = straight()
+    tiny = replace(short, left=short.left * 1e-6, right=short.right * 1e-6)
+    with pytest.raises(CalibrationError, match='too short'):
+        calibrate([tiny], NOMINAL)
+
+
