@@ -60,8 +60,10 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            'calibrate = diffdrive_ros.calibrate:main',
             'demo = diffdrive_ros.demo:main',
             'odometry = diffdrive_ros.odometry_node:main',
+            'replay = diffdrive_ros.replay:main',
             'simulator = diffdrive_ros.simulator_node:main',
         ],
     },

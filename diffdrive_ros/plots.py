@@ -1,8 +1,20 @@
 """Pictures; matplotlib is imported only when one is drawn."""
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, TYPE_CHECKING
 
 from diffdrive_ros.arguments import Array
 import numpy as np
+
+if TYPE_CHECKING:
+    from diffdrive_ros.calibrate import Judged
+    from diffdrive_ros.calibration import Calibration
+    from diffdrive_ros.logs import Log
+    from diffdrive_ros.replay import Comparison, Replayed
+
+COLOURS = {'before': 'tab:orange', 'after': 'tab:blue', 'odometry': 'tab:blue'}
+ELLIPSES = 12  # along a track
+LEGEND = {'loc': 'upper center', 'bbox_to_anchor': (0.5, -0.14)}
 
 
 def draw_tracks(path: Path, title: str, seconds: Array, odometry: Array, truth: Array) -> None:
@@ -38,3 +50,135 @@ def draw_tracks(path: Path, title: str, seconds: Array, odometry: Array, truth: 
     errors.grid(alpha=0.3)
     errors.legend(loc='upper center', bbox_to_anchor=(0.5, -0.12), ncols=2)
     figure.savefig(path, dpi=120)
+
+
+def draw_replay(
+    path: Path, log: 'Log', results: 'Mapping[str, Replayed]',
+    comparisons: 'Mapping[str, Comparison]',
+) -> None:
+    """Draw a page of one log: tracks with ellipses, errors along the way, speeds of the wheels."""
+    figure, ((tracks, errors), (headings, speeds)) = _page(2, 2, (12.0, 10.0))
+    figure.suptitle(log.name)
+    for name, comparison in comparisons.items():
+        label = name or 'odometry'
+        colour = COLOURS[label]
+        if name == next(iter(comparisons)):
+            tracks.plot(
+                *comparison.reference[:, :2].T, color='0.7', linewidth=4.0, label='reference')
+        tracks.plot(*comparison.poses[:, :2].T, color=colour, linewidth=1.2, label=label)
+        for index in _spread_out(len(comparison.poses)):
+            _ellipse(
+                tracks, comparison.poses[index], comparison.covariances[index], colour)
+        apart = comparison.reference - comparison.poses
+        way = np.concatenate(
+            [[0.0], np.cumsum(np.hypot(*np.diff(comparison.poses[:, :2], axis=0).T))])
+        errors.plot(way, 1e3 * np.hypot(apart[:, 0], apart[:, 1]), color=colour, label=label)
+        wrapped = np.arctan2(np.sin(apart[:, 2]), np.cos(apart[:, 2]))
+        headings.plot(way, 1e3 * wrapped, color=colour, label=label)
+        known = 1e3 * 2.0 * np.sqrt(comparison.covariances[:, 2, 2])
+        headings.plot(way, known, color=colour, linewidth=0.8, linestyle='--')
+        headings.plot(way, -known, color=colour, linewidth=0.8, linestyle='--')
+    if not comparisons:
+        for name, replayed in results.items():
+            tracks.plot(*replayed.poses[:, :2].T, color=COLOURS[name or 'odometry'], label=name)
+    _label(tracks, 'x [m]', 'y [m]', 'Tracks, with ellipses of 2 deviations')
+    tracks.set_aspect('equal', adjustable='datalim')
+    _label(errors, 'way [m]', 'position error [mm]', 'Position against the reference')
+    _label(headings, 'way [m]', 'heading error [mrad]', 'Heading; dashed: 2 deviations')
+    stamps = np.array([sample.stamp_ns for sample in log.samples])
+    seconds = (stamps - stamps[0]) * 1e-9
+    angles = np.array([(sample.left, sample.right) for sample in log.samples])
+    growing = np.flatnonzero(np.diff(seconds) > 0.0)
+    for side, column in (('left', 0), ('right', 1)):
+        rate = np.diff(angles[:, column])[growing] / np.diff(seconds)[growing]
+        speeds.plot(seconds[1:][growing], rate, linewidth=0.8, label=side)
+    _label(speeds, 'time [s]', 'speed [rad/s]', 'Wheels')
+    figure.savefig(path, dpi=100)
+
+
+def draw_calibration(
+    path: Path, comparisons: 'Sequence[Mapping[str, Comparison]]', found: 'Calibration',
+    judged: 'Sequence[Judged]',
+) -> None:
+    """Draw a page of a calibration: tracks before and after, their errors, and the residuals."""
+    figure, axes = _page(2, 3, (16.0, 10.0))
+    (tracks, errors, ends), (bars, positions, headings) = axes
+    figure.suptitle(
+        'Calibration: separation {:.2f} ± {:.2f} mm, radii left {:.3f} ± {:.3f}, right '
+        '{:.3f} ± {:.3f} mm'.format(*(
+            1e3 * value for pair in zip(
+                (found.drive.wheel_separation, found.drive.left_wheel_radius,
+                 found.drive.right_wheel_radius), found.deviations, strict=True)
+            for value in pair)))
+    for number, both in enumerate(comparisons):
+        for name, label in (('before', 'nominal'), ('after', 'calibrated')):
+            each, colour = both[name], COLOURS[name]
+            once = label if number == 0 else None
+            if number == 0:
+                if name == 'before':
+                    tracks.plot(
+                        *each.reference[:, :2].T, color='0.7', linewidth=4.0, label='reference')
+                tracks.plot(*each.poses[:, :2].T, color=colour, linewidth=1.2, label=label)
+                for index in _spread_out(len(each.poses)) if name == 'after' else ():
+                    _ellipse(tracks, each.poses[index], each.covariances[index], colour)
+            apart = each.poses - each.reference
+            way = np.concatenate(
+                [[0.0], np.cumsum(np.hypot(*np.diff(each.poses[:, :2], axis=0).T))])
+            errors.plot(
+                way, 1e3 * np.hypot(apart[:, 0], apart[:, 1]), color=colour, linewidth=0.8,
+                label=once)
+            ends.plot(
+                1e3 * apart[-1, 0], 1e3 * apart[-1, 1], 'o', color=colour, label=once)
+    tracks.set_aspect('equal', adjustable='datalim')
+    _label(tracks, 'x [m]', 'y [m]', f'{judged[0].name}, ellipses of 2 deviations')
+    _label(errors, 'way [m]', 'position error [mm]', 'All drives')
+    ends.axhline(0.0, color='0.5', linewidth=0.8)
+    ends.axvline(0.0, color='0.5', linewidth=0.8)
+    ends.set_aspect('equal', adjustable='datalim')
+    _label(ends, 'x [mm]', 'y [mm]', 'Errors of the last positions')
+    places = np.arange(len(judged))
+    for offset, (label, values, colour) in zip((-0.27, 0.0, 0.27), (
+            ('nominal', [each.before for each in judged], 'tab:orange'),
+            ('calibrated', [each.after for each in judged], 'tab:blue'),
+            ('by the others only', [each.unseen or 0.0 for each in judged], 'tab:green')),
+            strict=True):
+        bars.barh(places + offset, 1e3 * np.array(values), 0.25, color=colour, label=label)
+    bars.set_yticks(places, [each.name[-24:] for each in judged])
+    bars.invert_yaxis()
+    _label(bars, 'final position error [mm]', '', 'Final errors')
+    for drive in found.drives:
+        if not drive.outlier:
+            positions.plot(drive.metres, 1e3 * drive.residuals[:, :2], linewidth=0.6)
+            headings.plot(drive.metres, 1e3 * drive.residuals[:, 2], linewidth=0.6)
+    _label(positions, 'way [m]', 'x and y [mm]', 'Residuals of the fit', legend=False)
+    _label(headings, 'way [m]', 'heading [mrad]', 'Residuals of the fit', legend=False)
+    figure.savefig(path, dpi=80)
+
+
+def _page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout='constrained')
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns)
+
+
+def _label(axes: Any, x: str, y: str, title: str, legend: bool = True) -> None:
+    axes.set(xlabel=x, ylabel=y, title=title)
+    axes.grid(alpha=0.3)
+    if legend and axes.get_legend_handles_labels()[0]:
+        axes.legend(**LEGEND, ncols=3)
+
+
+def _spread_out(count: int) -> Array:
+    return np.unique(np.linspace(0, count - 1, min(count, ELLIPSES)).astype(int))
+
+
+def _ellipse(axes: Any, pose: Array, covariance: Array, colour: str) -> None:
+    """Draw the ellipse of 2 deviations of a position."""
+    values, vectors = np.linalg.eigh(covariance[:2, :2])
+    angle = np.linspace(0.0, 2.0 * np.pi, 40)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    x, y = pose[:2, np.newaxis] + 2.0 * vectors * np.sqrt(np.maximum(values, 0.0)) @ circle
+    axes.plot(x, y, color=colour, linewidth=0.7)

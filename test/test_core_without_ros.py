@@ -17,6 +17,8 @@ CORE = {
     'kinematics': {'arguments', 'se2'},
     'odometry': {'arguments', 'se2', 'kinematics'},
     'linearization': {'arguments', 'se2', 'kinematics', 'odometry'},
+    'evaluation': {'arguments', 'se2'},
+    'log_messages': set(),
     'feedback': {'arguments', 'se2', 'kinematics'},
     'lateness': set(),
     'limits': set(),
@@ -28,6 +30,16 @@ CORE = {
 # The tools for logs, which may need these besides; the core may need none of it.
 OFFLINE = {
     'calibration': ({'arguments', 'se2', 'kinematics', 'odometry', 'linearization'}, {'scipy'}),
+    'logs': ({'arguments', 'feedback', 'log_messages'}, {'rosbags'}),
+    'parameter_file': ({'arguments', 'feedback', 'kinematics', 'odometry'}, {'yaml'}),
+    'replay': (
+        {'arguments', 'evaluation', 'feedback', 'logs', 'parameter_file', 'plots', 'se2'}, set()),
+    'calibrate': (
+        {'arguments', 'calibration', 'kinematics', 'logs', 'parameter_file', 'plots', 'replay'},
+        {'rich'}),
+    'plots': (
+        {'arguments', 'calibrate', 'calibration', 'logs', 'replay'},  # the types only
+        {'matplotlib'}),
 }
 MODULES = [name for name in CORE if (PACKAGE / f'{name}.py').exists()]
 

@@ -1,0 +1,336 @@
+"""
+Calibrate a robot by logs of its drives: its geometry with error bars, as the node's parameters.
+
+With a reference (motion capture, a map) any drives will do. Without one, umbmark takes the end
+poses of squares driven both ways, and line-and-turn a straight line and turns on the spot.
+"""
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass, replace
+import importlib.util
+import json
+import os
+from pathlib import Path
+import signal
+import sys
+from typing import TYPE_CHECKING, TypeVar
+
+from diffdrive_ros import logs, parameter_file
+from diffdrive_ros.arguments import Array
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.logs import Log, Wanted
+from diffdrive_ros.parameter_file import Robot
+from diffdrive_ros.replay import (
+    add_log_options,
+    compare,
+    Comparison,
+    OptionError,
+    refuse_to_overwrite,
+    replay,
+)
+import numpy as np
+
+if TYPE_CHECKING:
+    from diffdrive_ros.calibration import Calibration, Drive, Terms
+
+OutT = TypeVar('OutT')
+
+# Where the drives do not tell a measure: how well it is known by hand [m].
+BY_HAND = (0.002, 0.0001, 0.0001)
+
+
+# On all cores
+
+def on_all_cores(
+    what: str, function: Callable[..., OutT], tasks: Sequence[tuple[object, ...]],
+) -> Iterator[tuple[int, OutT | ValueError]]:
+    """
+    Yield the index of each task and what the function returned, or the ValueError it raised.
+
+    They come as they are done. On Ctrl-C the rest is not begun, and nothing more comes.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    workers = max(1, min(len(tasks), os.cpu_count() or 1))
+    pool = ProcessPoolExecutor(workers, initializer=signal.signal, initargs=(
+        signal.SIGINT, signal.SIG_IGN))
+    pending: dict[Future[OutT], int] = {
+        pool.submit(function, *task): index for index, task in enumerate(tasks)}
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task(what, total=len(tasks))
+        try:
+            while pending:
+                for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                    index = pending.pop(future)
+                    try:
+                        result: OutT | ValueError = future.result()
+                    except ValueError as error:
+                        result = error
+                    progress.advance(bar)
+                    yield index, result
+        except KeyboardInterrupt:
+            print(f'{what}: interrupted, {len(pending)} not done', file=sys.stderr)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
+    """Return a log with its reference; raises LogError."""
+    log = logs.read(path, robot.feedback(), wanted)
+    if log.reference is None:
+        raise logs.LogError(f'{path}: has no reference; --reference names its topic')
+    log.wheels()
+    return log
+
+
+def drive_of(log: Log) -> 'Drive':
+    """Return a log as the calibration takes it; raises ValueError."""
+    from diffdrive_ros.calibration import Drive
+
+    stamps, left, right = log.wheels()
+    assert log.reference is not None
+    return Drive(
+        log.name, (stamps - stamps[0]) * 1e-9, left, right,
+        (log.reference.stamps_ns - stamps[0]) * 1e-9, log.reference.poses)
+
+
+def calibrate_by(drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms') -> 'Calibration':
+    """Return the calibration; for a process of its own."""
+    from diffdrive_ros.calibration import calibrate
+
+    return calibrate(drives, nominal, terms)
+
+
+# What was found, for people and for the node
+
+@dataclass(frozen=True)
+class Judged:
+    """Final errors of a drive: nominal, calibrated, and calibrated by all the others [m]."""
+
+    name: str
+    before: float
+    after: float
+    unseen: float | None
+
+
+def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
+    """Return the parameters of the robot with what was found put in."""
+    nominal, drive = robot.nominal, found.drive
+    deviations = [
+        float(deviation) or by_hand
+        for deviation, by_hand in zip(found.deviations, BY_HAND, strict=True)]
+    return dict(robot.values) | {
+        'wheel_separation_multiplier': drive.wheel_separation / nominal.wheel_separation,
+        'left_wheel_radius_multiplier': drive.left_wheel_radius / nominal.left_wheel_radius,
+        'right_wheel_radius_multiplier': drive.right_wheel_radius / nominal.right_wheel_radius,
+        'left_wheel_travel_variance': found.noise.left_travel,
+        'right_wheel_travel_variance': found.noise.right_travel,
+        'turn_variance': found.noise.turn,
+        'wheel_separation_std': deviations[0],
+        'left_wheel_radius_std': deviations[1],
+        'right_wheel_radius_std': deviations[2],
+    }
+
+
+COMMENTS = {
+    'wheel_separation': '[m] nominal, FULL distance between the contact points',
+    'wheel_radius': '[m] nominal',
+    'left_wheel_travel_variance': '[m^2/m]',
+    'right_wheel_travel_variance': '[m^2/m]',
+    'turn_variance': '[rad^2/rad]',
+    'wheel_separation_std': '[m]',
+    'left_wheel_radius_std': '[m]',
+    'right_wheel_radius_std': '[m]',
+}
+
+
+def summary_of(robot: Robot, found: 'Calibration') -> str:
+    """Return what was found as lines of text."""
+    nominal, drive, deviations = robot.nominal, found.drive, found.deviations
+    lines = [f'{"":22}{"nominal":>12}{"calibrated":>12}{"deviation":>12}']
+    for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
+        spread = f'{1e3 * deviations[index]:.3f}' if deviations[index] else 'not seen'
+        lines.append(
+            f'{name + " [mm]":22}{1e3 * getattr(nominal, name):12.3f}'
+            f'{1e3 * getattr(drive, name):12.3f}{spread:>12}')
+    lines += [f'not observed: {what}; nominal' for what in found.not_observed]
+    lines += [
+        f'noise of the wheels    {found.noise.left_travel:.2g} m^2/m of their travel, '
+        f'{found.noise.turn:.2g} rad^2/rad of the turn',
+        f'noise of the reference {1e3 * found.position_std:.2g} mm, '
+        f'{1e3 * found.heading_std:.2g} mrad, {1e3 * found.time_std:.2g} ms',
+        'marker on the robot    ' + ', '.join(
+            f'{1e3 * value:.2f} ± {1e3 * spread:.2f} {unit}' for value, spread, unit in zip(
+                found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
+    ]
+    for each in found.drives:
+        if each.outlier:
+            lines.append(f'left out: {each.name}: {each.outlier}')
+    return '\n'.join(lines)
+
+
+def judged_table(judged: Sequence[Judged]) -> str:
+    """Return the final errors of each drive as lines of text."""
+    lines = [f'{"final error [m]":28}{"nominal":>10}{"calibrated":>12}{"unseen":>10}']
+    for each in judged:
+        unseen = '-' if each.unseen is None else f'{each.unseen:.4f}'
+        lines.append(f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}')
+    unseen_errors = [each.unseen for each in judged if each.unseen is not None]
+    lines.append(
+        f'{"median":28}{np.median([each.before for each in judged]):10.4f}'
+        f'{np.median([each.after for each in judged]):12.4f}'
+        + (f'{np.median(unseen_errors):10.4f}' if unseen_errors else f'{"-":>10}'))
+    return '\n'.join(lines)
+
+
+def compared(log: Log, robot: Robot) -> Comparison:
+    """Return odometry of a log beside its reference, from the first pose on."""
+    assert log.reference is not None
+    every = max(1, len(log.samples) // 500)
+    return compare(replay(robot, log.samples, every), log.reference)
+
+
+def final_error(log: Log, drive: DiffDrive, robot: Robot) -> float:
+    """Return how far odometry with a geometry is from the reference at the end [m]."""
+    return compared(log, replace(robot, drive=drive)).figures.final_position
+
+
+def cross_validate(
+    drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms',
+) -> 'dict[int, Calibration]':
+    """Return, for each drive, the calibration by all others; not for what Ctrl-C cut off."""
+    tasks = [
+        ([*drives[:index], *drives[index + 1:]], nominal, terms) for index in range(len(drives))]
+    return {
+        index: found for index, found in on_all_cores('Cross-validation', calibrate_by, tasks)
+        if not isinstance(found, ValueError)}
+
+
+# The shell
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(prog='calibrate', description=__doc__.split('\n\n')[0])
+    parser.add_argument(
+        'logs', type=Path, nargs='+', help='rosbag2 folders, .mcap, .db3 or .csv')
+    parser.add_argument(
+        '--params', type=Path, help="the node's parameter file, with the nominal geometry")
+    parser.add_argument(
+        '--separation', type=float, help='nominal wheel_separation [m], without --params')
+    parser.add_argument('--radius', type=float, help='nominal wheel_radius [m], likewise')
+    add_log_options(parser)
+    parser.add_argument(
+        '--without', choices=('time-offset', 'marker'), action='append', default=[],
+        help='do not estimate the offset of the clocks, or the place of the marker')
+    parser.add_argument(
+        '--no-validation', action='store_true', help='do not cross-validate over the drives')
+    parser.add_argument('--output', type=Path, help='parameter file for the node')
+    parser.add_argument('--json', type=Path, help='what was found, with its covariance')
+    parser.add_argument('--plot', type=Path, help='a page of pictures, .png, .pdf or .svg')
+    parser.add_argument('--force', action='store_true', help='write over files that are there')
+    return parser.parse_args(arguments)
+
+
+def robot_of(options: argparse.Namespace) -> Robot:
+    """Return the nominal robot; raises ValueError."""
+    if options.params:
+        if options.separation or options.radius:
+            raise OptionError('--params has the geometry: no --separation and --radius')
+        return parameter_file.read(options.params)
+    if options.separation is None or options.radius is None:
+        raise OptionError('what is the robot nominally? --params, or --separation and --radius')
+    return Robot.of({
+        'left_wheel_names': ['left_wheel_joint'], 'right_wheel_names': ['right_wheel_joint'],
+        'wheel_separation': options.separation, 'wheel_radius': options.radius})
+
+
+def run(options: argparse.Namespace) -> None:
+    """Calibrate by logs; raises ValueError for what cannot be done."""
+    refuse_to_overwrite(options.force, options.output, options.json, options.plot)
+    for extra in ('rich', 'scipy', *(['matplotlib'] if options.plot else [])):
+        if importlib.util.find_spec(extra) is None:
+            raise OptionError(f'{extra} is needed: pip install {extra}')
+    from diffdrive_ros.calibration import Terms
+
+    robot = robot_of(options)
+    wanted = Wanted(options.wheels, options.reference, options.reference_child)
+    read: dict[int, Log] = {}
+    tasks = [(path, robot, wanted) for path in options.logs]
+    for index, result in on_all_cores('Reading', read_log, tasks):
+        if isinstance(result, ValueError):
+            raise result
+        read[index] = result
+    kept = [read[index] for index in sorted(read)]
+    drives = [drive_of(log) for log in kept]
+    terms = Terms(
+        time_offset='time-offset' not in options.without, marker='marker' not in options.without)
+    found = calibrate_by(drives, robot.nominal, terms)
+    print(summary_of(robot, found))
+    unseen: dict[int, Calibration] = {}
+    if len(drives) > 2 and not options.no_validation:
+        unseen = cross_validate(drives, robot.nominal, terms)
+    judged = [
+        Judged(
+            log.name, final_error(log, robot.nominal, robot), final_error(log, found.drive, robot),
+            final_error(log, unseen[index].drive, robot) if index in unseen else None)
+        for index, log in enumerate(kept)]
+    print(judged_table(judged))
+    values = parameters_of(robot, found)
+    if options.output:
+        head = (
+            f'Calibrated by {len(kept)} drives. Start the node with it:\n'
+            '  ros2 run diffdrive_ros odometry --ros-args --params-file ' + options.output.name)
+        parameter_file.write(options.output, values, COMMENTS, head)
+    if options.json:
+        options.json.write_text(
+            json.dumps(as_json(found, judged), indent=2) + '\n', encoding='utf-8')
+    if options.plot:
+        from diffdrive_ros import plots
+        after = Robot.of(values)
+        comparisons = [
+            {name: compared(log, each) for name, each in (('before', robot), ('after', after))}
+            for log in kept]
+        plots.draw_calibration(options.plot, comparisons, found, judged)
+
+
+def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]:
+    """Return what was found for json.dumps."""
+    def listed(array: Array) -> object:
+        return array.tolist()
+
+    return {
+        'wheel_separation': found.drive.wheel_separation,
+        'left_wheel_radius': found.drive.left_wheel_radius,
+        'right_wheel_radius': found.drive.right_wheel_radius,
+        'covariance': listed(found.covariance),
+        'not_observed': list(found.not_observed),
+        'left_wheel_travel_variance': found.noise.left_travel,
+        'right_wheel_travel_variance': found.noise.right_travel,
+        'turn_variance': found.noise.turn,
+        'reference': {
+            'position_std': found.position_std, 'heading_std': found.heading_std,
+            'time_std': found.time_std, 'marker': listed(found.marker),
+            'marker_std': listed(found.marker_std)},
+        'drives': [
+            {'name': each.name, 'time_offset': each.time_offset, 'left_out': each.outlier,
+             'final_error_nominal': errors.before, 'final_error': errors.after,
+             'final_error_unseen': errors.unseen}
+            for each, errors in zip(found.drives, judged, strict=True)],
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Calibrate as a process."""
+    options = options_of(arguments)
+    try:
+        run(options)
+    except (ValueError, OSError) as error:
+        sys.exit(f'calibrate: {error}')
+    except KeyboardInterrupt:
+        sys.exit('calibrate: interrupted')
+
+
+if __name__ == '__main__':
+    main()

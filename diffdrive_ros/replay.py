@@ -1,0 +1,272 @@
+"""
+Replay a log: odometry as the node would have published it, and how far it is from a reference.
+
+The poses go to a TUM text, a CSV or an .mcap; the figures to a table, and as JSON to a file.
+"""
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import sys
+
+from diffdrive_ros import evaluation, logs, parameter_file, se2
+from diffdrive_ros.arguments import Array
+from diffdrive_ros.evaluation import Evaluation
+from diffdrive_ros.feedback import WheelSample
+from diffdrive_ros.logs import Track, Wanted
+from diffdrive_ros.parameter_file import Robot
+import numpy as np
+import numpy.typing as npt
+
+FORMATS = ('.tum', '.txt', '.csv', '.mcap')
+
+# Poses of the reference that are compared, at most, evenly over the log.
+COMPARED = 2000
+
+
+class OptionError(ValueError):
+    """An option cannot be what it is; the message says why in one line."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """
+    Odometry of a log: stamps [ns], (N,), and poses, (N, 3).
+
+    Twists, (M, 3), and covariances, (M, 3, 3), are those of the samples with the indices detailed.
+    """
+
+    stamps_ns: npt.NDArray[np.int64]
+    poses: Array
+    detailed: npt.NDArray[np.int64]
+    twists: Array
+    pose_covariances: Array
+    twist_covariances: Array
+
+
+def replay(robot: Robot, samples: Sequence[WheelSample], every: int = 1) -> Replayed:
+    """Return what the node makes of the samples; in detail of every so many of them."""
+    odometry = robot.odometry()
+    stamps: list[int] = []
+    poses, detailed, details = [], [], []
+    for sample in samples:
+        if sample.restarted_ns is not None:
+            odometry.restart(sample.restarted_ns)
+        # The node passes over what is not newer.
+        if not odometry.update(sample.left, sample.right, sample.stamp_ns):
+            continue
+        if len(stamps) % every == 0:
+            detailed.append(len(stamps))
+            details.append((
+                odometry.twist, odometry.pose_covariance, odometry.twist_covariance))
+        stamps.append(sample.stamp_ns)
+        poses.append(odometry.pose)
+    columns = (np.array(column) for column in zip(*details, strict=True))
+    return Replayed(np.array(stamps), np.array(poses), np.array(detailed), *columns)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Odometry beside the reference: stamps [s], poses of both, (N, 3), and the figures."""
+
+    seconds: Array
+    poses: Array
+    reference: Array
+    """In odometry's frame."""
+    covariances: Array
+    figures: Evaluation
+
+
+def compare(
+    replayed: Replayed, track: Track, *, how: str = 'start', marker: Array | None = None,
+    time_offset: float = 0.0, reference_std: tuple[float, float] = (0.0, 0.0),
+) -> Comparison:
+    """
+    Return the comparison at the stamps of the reference.
+
+    marker: where on the robot the reference is, a pose in the body frame; time_offset [s]: what is
+    added to the stamps of the reference; reference_std: of its position [m] and heading [rad].
+    Raises OptionError if the two do not overlap.
+    """
+    stamps = track.stamps_ns + round(time_offset * 1e9)
+    first, last = replayed.stamps_ns[0], replayed.stamps_ns[-1]
+    if (np.diff(replayed.stamps_ns) <= 0).any():
+        raise OptionError('time starts again in the log: cut it there to compare')
+    inside = np.flatnonzero((stamps >= first) & (stamps <= last))
+    if len(inside) < 2:
+        raise OptionError(
+            f'the reference, from {stamps[0] * 1e-9:.3f} to {stamps[-1] * 1e-9:.3f} s, does not '
+            f'overlap the wheels, from {first * 1e-9:.3f} to {last * 1e-9:.3f} s')
+    chosen = inside[np.unique(np.linspace(0, len(inside) - 1, COMPARED).astype(int))]
+    asked = (stamps[chosen] - first) * 1e-9
+    seconds = (replayed.stamps_ns - first) * 1e-9
+    # Straight between two samples: they are much closer than any pose is known.
+    poses = np.stack([np.interp(asked, seconds, column) for column in replayed.poses.T], axis=-1)
+    seen = track.poses[chosen]
+    if marker is not None:
+        seen = se2.compose(seen, se2.inverse(marker))
+    nearest = np.searchsorted(replayed.detailed, np.searchsorted(seconds, asked))
+    covariances = replayed.pose_covariances[
+        np.minimum(nearest, len(replayed.detailed) - 1)] + _unsure(poses, how, *reference_std)
+    figures = evaluation.evaluate(poses, seen, how, covariances)
+    frame = evaluation.align(poses, seen, how)
+    return Comparison(
+        asked, poses, se2.compose(se2.inverse(frame), seen), covariances, figures)
+
+
+def _unsure(poses: Array, how: str, position: float, heading: float) -> Array:
+    """Return what the reference's own noise adds to each error, (N, 3, 3)."""
+    own = np.diag([position**2, position**2, heading**2])
+    covariances = np.tile(own, (len(poses), 1, 1))
+    if how == 'start':
+        # The noise of the first pose turns and moves the whole drive.
+        moved = np.tile(np.eye(3), (len(poses), 1, 1))
+        moved[:, 0, 2] = -(poses[:, 1] - poses[0, 1])
+        moved[:, 1, 2] = poses[:, 0] - poses[0, 0]
+        covariances += moved @ own @ moved.transpose(0, 2, 1)
+    return covariances
+
+
+# The shell
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(prog='replay', description=__doc__.split('\n\n')[0])
+    parser.add_argument('log', type=Path, help='rosbag2 folder, .mcap, .db3 or .csv')
+    parser.add_argument(
+        '--params', type=Path, required=True, help="the node's parameter file")
+    parser.add_argument(
+        '--before', type=Path, help='parameters to compare with, such as those not calibrated')
+    add_log_options(parser)
+    parser.add_argument(
+        '--align', choices=evaluation.ALIGNMENTS, default='start',
+        help='frames are brought together by the first pose, the whole path, or not at all')
+    parser.add_argument(
+        '--marker', type=float, nargs=3, metavar=('X', 'Y', 'THETA'),
+        help='pose of the reference in the body frame [m, m, rad]')
+    parser.add_argument(
+        '--time-offset', type=float, default=0.0,
+        help="added to the reference's stamps [s], default: 0")
+    parser.add_argument(
+        '--reference-std', type=float, nargs=2, default=(0.0, 0.0),
+        metavar=('POSITION', 'HEADING'),
+        help='deviations of the reference itself, for the NEES [m, rad]')
+    parser.add_argument(
+        '--output', type=Path, help='poses as .tum (or .txt), .csv or .mcap')
+    parser.add_argument('--json', type=Path, help='the figures')
+    parser.add_argument('--plot', type=Path, help='a page of pictures, .png, .pdf or .svg')
+    parser.add_argument('--force', action='store_true', help='write over files that are there')
+    return parser.parse_args(arguments)
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what to read of a log."""
+    parser.add_argument(
+        '--wheels', default='joint_states', help='topic of the JointStates: %(default)s')
+    parser.add_argument('--reference', help='topic of the reference: Odometry, poses or TF')
+    parser.add_argument(
+        '--reference-child', help='child frame of the reference, where its topic has several')
+
+
+def refuse_to_overwrite(force: bool, *paths: Path | None) -> None:
+    """Raise OptionError if a file is there already, or cannot be."""
+    for path in paths:
+        if path is None:
+            continue
+        if not path.resolve().parent.is_dir():
+            raise OptionError(f'{path}: its folder does not exist')
+        if path.exists() and not force:
+            raise OptionError(f'{path} exists: --force writes over it')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Replay one log; raises ValueError for what cannot be done."""
+    refuse_to_overwrite(options.force, options.output, options.json, options.plot)
+    if options.output and options.output.suffix not in FORMATS:
+        raise OptionError(f'--output {options.output}: must end with {", ".join(FORMATS)}')
+    robot = parameter_file.read(options.params)
+    wanted = Wanted(options.wheels, options.reference, options.reference_child)
+    log = logs.read(options.log, robot.feedback(), wanted)
+    is_full = options.output is not None and options.output.suffix == '.mcap'
+    every = 1 if is_full else max(1, len(log.samples) // COMPARED)
+    robots = {'': robot}
+    if options.before:
+        robots = {'before': parameter_file.read(options.before), 'after': robot}
+    results = {name: replay(each, log.samples, every) for name, each in robots.items()}
+    replayed = list(results.values())[-1]
+    duration = float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9
+    print(f'{options.log}: {len(replayed.stamps_ns)} poses in {duration:.1f} s')
+    comparisons = {}
+    if log.reference is not None:
+        comparisons = {
+            name: compare(
+                each, log.reference, how=options.align, time_offset=options.time_offset,
+                marker=None if options.marker is None else np.array(options.marker),
+                reference_std=tuple(options.reference_std))
+            for name, each in results.items()}
+        print(table_of({name: each.figures for name, each in comparisons.items()}))
+    if options.output:
+        write_poses(options.output, replayed, robot)
+    if options.json:
+        content: dict[str, object] = {
+            'log': str(options.log), 'poses': len(replayed.stamps_ns), 'seconds': duration,
+            'final_pose': replayed.poses[-1].tolist()}
+        for name, each in comparisons.items():
+            content[name or 'figures'] = each.figures.as_json()
+        options.json.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
+    if options.plot:
+        from diffdrive_ros import plots
+        plots.draw_replay(options.plot, log, results, comparisons)
+
+
+def table_of(columns: dict[str, Evaluation]) -> str:
+    """Return the figures as lines of text, one column a replay."""
+    first = next(iter(columns.values()))
+    rows = [
+        ('length of the way [m]', [f'{each.length:.3f}' for each in columns.values()]),
+        ('final position error [m]', [f'{each.final_position:.4f}' for each in columns.values()]),
+        ('final heading error [rad]', [f'{each.final_heading:.4f}' for each in columns.values()]),
+        ('ATE, rms position [m]', [f'{each.ate:.4f}' for each in columns.values()]),
+        ('heading error, rms [rad]', [f'{each.heading_rms:.4f}' for each in columns.values()]),
+        ('heading error, worst [rad]', [f'{each.heading_worst:.4f}' for each in columns.values()]),
+    ]
+    for index, part in enumerate(first.rpe):
+        rows.append((
+            f'RPE over {part.distance:g} m [m, rad]',
+            [f'{each.rpe[index].position:.4f} {each.rpe[index].heading:.4f}'
+             if index < len(each.rpe) else '-' for each in columns.values()]))
+    rows.append(('NEES/3, final', [f'{each.nees_final:.2f}' for each in columns.values()]))
+    rows.append(('NEES/3, mean', [f'{each.nees_mean:.2f}' for each in columns.values()]))
+    lines = [f'{"":28}' + ''.join(f'{name:>16}' for name in columns)] if any(columns) else []
+    lines += [f'{name:28}' + ''.join(f'{cell:>16}' for cell in cells) for name, cells in rows]
+    return '\n'.join(lines)
+
+
+def write_poses(path: Path, replayed: Replayed, robot: Robot) -> None:
+    """Write the poses in the format that the file's ending says."""
+    stamps = replayed.stamps_ns.tolist()
+    if path.suffix == '.csv':
+        logs.write_csv(path, dict(zip(('x', 'y', 'theta'), replayed.poses.T, strict=True)), stamps)
+    elif path.suffix == '.mcap':
+        logs.write_odometry(
+            path, stamps, replayed.poses, replayed.twists, replayed.pose_covariances,
+            replayed.twist_covariances, robot.values.get('odom_frame_id', 'odom'),
+            robot.values.get('base_frame_id', 'base_link'))
+    else:
+        logs.write_tum(path, stamps, replayed.poses)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Replay a log as a process."""
+    options = options_of(arguments)
+    try:
+        run(options)
+    except (ValueError, OSError) as error:
+        sys.exit(f'replay: {error}')
+    except KeyboardInterrupt:
+        sys.exit('replay: interrupted')
+
+
+if __name__ == '__main__':
+    main()
