@@ -20,6 +20,7 @@ from diffdrive_ros import logs, parameter_file
 from diffdrive_ros.arguments import Array
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.logs import Log, Wanted
+from diffdrive_ros.loop_closure import line_and_turn, umbmark
 from diffdrive_ros.parameter_file import Robot
 from diffdrive_ros.replay import (
     add_log_options,
@@ -115,16 +116,19 @@ class Judged:
     unseen: float | None
 
 
+def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
+    """Return the parameters that make one geometry of the other."""
+    return {
+        f'{name}_multiplier': getattr(drive, name) / getattr(nominal, name)
+        for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')}
+
+
 def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
     """Return the parameters of the robot with what was found put in."""
-    nominal, drive = robot.nominal, found.drive
     deviations = [
         float(deviation) or by_hand
         for deviation, by_hand in zip(found.deviations, BY_HAND, strict=True)]
-    return dict(robot.values) | {
-        'wheel_separation_multiplier': drive.wheel_separation / nominal.wheel_separation,
-        'left_wheel_radius_multiplier': drive.left_wheel_radius / nominal.left_wheel_radius,
-        'right_wheel_radius_multiplier': drive.right_wheel_radius / nominal.right_wheel_radius,
+    return dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
         'turn_variance': found.noise.turn,
@@ -214,13 +218,22 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__.split('\n\n')[0])
     parser.add_argument(
-        'logs', type=Path, nargs='+', help='rosbag2 folders, .mcap, .db3 or .csv')
+        'logs', type=Path, nargs='*', help='rosbag2 folders, .mcap, .db3 or .csv')
     parser.add_argument(
         '--params', type=Path, help="the node's parameter file, with the nominal geometry")
     parser.add_argument(
         '--separation', type=float, help='nominal wheel_separation [m], without --params')
     parser.add_argument('--radius', type=float, help='nominal wheel_radius [m], likewise')
     add_log_options(parser)
+    parser.add_argument(
+        '--umbmark', type=Path, metavar='CSV', help='in place of logs: the ends of squares, '
+        'direction,x,y a row (cw or ccw; where the robot is minus where odometry is [m])')
+    parser.add_argument('--side', type=float, help='of the squares [m]')
+    parser.add_argument(
+        '--line-and-turn', type=float, nargs=7, metavar=(
+            'LEFT', 'RIGHT', 'DISTANCE', 'SIDEWAYS', 'TURN_LEFT', 'TURN_RIGHT', 'TURNED'),
+        help='in place of logs: wheel angles [rad] and end [m] of a straight line, wheel angles '
+        'and heading [rad] of a turn on the spot')
     parser.add_argument(
         '--without', choices=('time-offset', 'marker'), action='append', default=[],
         help='do not estimate the offset of the clocks, or the place of the marker')
@@ -249,6 +262,11 @@ def robot_of(options: argparse.Namespace) -> Robot:
 def run(options: argparse.Namespace) -> None:
     """Calibrate by logs; raises ValueError for what cannot be done."""
     refuse_to_overwrite(options.force, options.output, options.json, options.plot)
+    if options.umbmark or options.line_and_turn:
+        run_by_ends(options)
+        return
+    if not options.logs:
+        raise OptionError('no logs; or --umbmark, or --line-and-turn')
     for extra in ('rich', 'scipy', *(['matplotlib'] if options.plot else [])):
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
@@ -293,6 +311,35 @@ def run(options: argparse.Namespace) -> None:
             {name: compared(log, each) for name, each in (('before', robot), ('after', after))}
             for log in kept]
         plots.draw_calibration(options.plot, comparisons, found, judged)
+
+
+def run_by_ends(options: argparse.Namespace) -> None:
+    """Calibrate by where the robot ended up; raises ValueError for what cannot be done."""
+    robot = robot_of(options)
+    if options.logs or (options.umbmark and options.line_and_turn):
+        raise OptionError('logs, --umbmark and --line-and-turn: must be one of the three')
+    if options.umbmark:
+        if options.side is None:
+            raise OptionError('--side: the side of the squares is needed [m]')
+        ends = logs.read_ends(options.umbmark)
+        found = umbmark(ends['cw'], ends['ccw'], options.side, robot.nominal)
+    else:
+        left, right, distance, sideways, turn_left, turn_right, turned = options.line_and_turn
+        found = line_and_turn(
+            (left, right), distance, sideways, (turn_left, turn_right), turned, robot.nominal)
+    deviations = np.sqrt(np.diag(found.covariance))
+    print(f'E_b {found.separation_ratio:.5f} ± {found.ratio_deviations[0]:.5f}, '
+          f'E_d {found.diameter_ratio:.5f} ± {found.ratio_deviations[1]:.5f}')
+    for name, deviation in zip(
+            ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'), deviations,
+            strict=True):
+        print(f'{name:20} {1e3 * getattr(found.drive, name):9.3f} ± {1e3 * deviation:.3f} mm')
+    if options.output:
+        values = dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
+            f'{name}_std': max(float(deviation), by_hand) for name, deviation, by_hand in zip(
+                ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'), deviations,
+                BY_HAND, strict=True)}
+        parameter_file.write(options.output, values, COMMENTS, 'Calibrated by end poses.')
 
 
 def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]:

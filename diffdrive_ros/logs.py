@@ -134,6 +134,27 @@ def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
     return samples, poses if header == WITH_REFERENCE else None
 
 
+def read_ends(path: Path) -> dict[str, Array]:
+    """Return the ends of squares by their direction, cw and ccw, (N, 2); raises LogError."""
+    ends: dict[str, list[list[float]]] = {'cw': [], 'ccw': []}
+    try:
+        with path.open(newline='', encoding='utf-8') as file:
+            rows = csv.reader(file)
+            if (header := next(rows, [])) != ['direction', 'x', 'y']:
+                raise LogError(f'{path}: the header is {",".join(header)}, must be direction,x,y')
+            for row in rows:
+                where = f'{path}, line {rows.line_num}'
+                if len(row) != 3 or row[0] not in ends:
+                    raise LogError(f'{where}: must be cw or ccw, x, y')
+                ends[row[0]].append(_numbers(row[1:], where))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise LogError(f'{path}: {error}') from None
+    for direction, found in ends.items():
+        if not found:
+            raise LogError(f'{path}: has no {direction}: squares of both directions are needed')
+    return {direction: np.array(found) for direction, found in ends.items()}
+
+
 def _stamp_ns(text: str, where: str) -> int:
     """Return seconds as integer nanoseconds, to the last digit."""
     whole, _, fraction = text.strip().partition('.')

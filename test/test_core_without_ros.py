@@ -17,6 +17,7 @@ CORE = {
     'kinematics': {'arguments', 'se2'},
     'odometry': {'arguments', 'se2', 'kinematics'},
     'linearization': {'arguments', 'se2', 'kinematics', 'odometry'},
+    'loop_closure': {'arguments', 'kinematics', 'linearization'},
     'evaluation': {'arguments', 'se2'},
     'log_messages': set(),
     'feedback': {'arguments', 'se2', 'kinematics'},
@@ -35,8 +36,8 @@ OFFLINE = {
     'replay': (
         {'arguments', 'evaluation', 'feedback', 'logs', 'parameter_file', 'plots', 'se2'}, set()),
     'calibrate': (
-        {'arguments', 'calibration', 'kinematics', 'logs', 'parameter_file', 'plots', 'replay'},
-        {'rich'}),
+        {'arguments', 'calibration', 'kinematics', 'logs', 'loop_closure', 'parameter_file',
+         'plots', 'replay'}, {'rich'}),
     'plots': (
         {'arguments', 'calibrate', 'calibration', 'logs', 'replay'},  # the types only
         {'matplotlib'}),
