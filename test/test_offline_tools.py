@@ -1,0 +1,222 @@
+"""The tools for logs, as processes on real files."""
+import json
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import bags
+from calibration_consistency import simulated_drive
+from diffdrive_ros import parameter_file
+from diffdrive_ros.config import Config, SPECS
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import Odometry, WheelNoise
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+import yaml
+
+TRUTH = DiffDrive(0.3021, 0.0497, 0.0504)
+NOISE = WheelNoise(2e-6, 2e-6, 2e-5)
+NOMINAL = """/**:
+  ros__parameters:
+    left_wheel_names: [left_wheel_joint]
+    right_wheel_names: [right_wheel_joint]
+    wheel_separation: 0.30
+    wheel_radius: 0.05
+    cmd_vel_timeout: 0.7
+    linear:
+      x:
+        max_velocity: 0.8
+"""
+
+
+def tool(module, *arguments, **kwargs):
+    """Run a tool to its end; return the process with what it said."""
+    return subprocess.run(
+        [sys.executable, '-m', f'diffdrive_ros.{module}', *map(str, arguments)], text=True,
+        capture_output=True, timeout=120, check=False, **kwargs)
+
+
+def refused(module, *arguments):
+    """Return the one line with which a tool refuses, with exit code 1."""
+    done = tool(module, *arguments)
+    assert done.returncode == 1, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith(f'{module}: ')
+    return lines[0]
+
+
+def write_csv(path, drive):
+    """Write a simulated drive as a CSV, the reference between the wheels' rows."""
+    rows = [(stamp + 100.0, f'{left:.9f},{right:.9f},,,') for stamp, left, right in zip(
+        drive.seconds, drive.left, drive.right, strict=True)]
+    rows += [(stamp + 100.0, ',,' + ','.join(f'{value:.9f}' for value in pose))
+             for stamp, pose in zip(drive.reference_seconds, drive.reference, strict=True)]
+    path.write_text('stamp,left,right,x,y,theta\n' + ''.join(
+        f'{stamp:.9f},{rest}\n' for stamp, rest in sorted(rows)))
+    return path
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory):
+    """Return a folder with the logs of four drives, and with nominal.yaml."""
+    folder = tmp_path_factory.mktemp('drives')
+    random = np.random.default_rng(11)
+    for name in ('square', 'circle back', 'eight', 'there and back'):
+        drive = simulated_drive(name, TRUTH, NOISE, np.array([0.02, 0.01, 0.05]), random)
+        write_csv(folder / f'{name.replace(" ", "_")}.csv', drive)
+    (folder / 'nominal.yaml').write_text(NOMINAL)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def calibrated(place):
+    """Return the place after a calibration by three drives."""
+    done = tool(
+        'calibrate', place / 'square.csv', place / 'circle_back.csv', place / 'eight.csv',
+        '--params', place / 'nominal.yaml', '--output', place / 'robot.yaml', '--json',
+        place / 'found.json', '--plot', place / 'page.png')
+    assert done.returncode == 0, done.stderr
+    assert 'wheel_separation [mm]' in done.stdout
+    return place
+
+
+def test_the_parameter_file_of_a_calibration_is_one_that_the_node_takes(calibrated):
+    content = yaml.safe_load((calibrated / 'robot.yaml').read_text())
+    values = parameter_file._flat(content['/**/odometry']['ros__parameters'])
+    defaults = {spec.name: spec.default for spec in SPECS}
+    for spec in SPECS:
+        if spec.name in values:
+            spec.check(values[spec.name])
+    assert values.keys() <= defaults.keys()
+    config = Config.of(defaults | values)
+    found = json.loads((calibrated / 'found.json').read_text())
+    for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'):
+        assert getattr(config.drive, name) == pytest.approx(found[name])
+        assert getattr(config.drive, name) == pytest.approx(getattr(TRUTH, name), rel=5e-3)
+    assert config.geometry_uncertainty.wheel_separation > 0.0
+    # What the file said besides is still there.
+    assert (values['cmd_vel_timeout'], values['linear.x.max_velocity']) == (0.7, 0.8)
+
+
+def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
+    done = tool(
+        'replay', calibrated / 'there_and_back.csv', '--params', calibrated / 'robot.yaml',
+        '--before', calibrated / 'nominal.yaml', '--json', calibrated / 'after.json', '--plot',
+        calibrated / 'replay.png', '--align', 'path')
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((calibrated / 'after.json').read_text())
+    assert figures['after']['ate'] < 0.3 * figures['before']['ate']
+    for picture in ('page.png', 'replay.png'):
+        assert (calibrated / picture).read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_replay_is_what_odometry_says_of_the_same_messages(tmp_path):
+    random = np.random.default_rng(4)
+    angles = np.cumsum(random.uniform(-0.1, 0.3, size=(40, 2)), axis=0)
+    names = ['right_wheel_joint', 'left_wheel_joint']
+    stamps = [bags.START_NS + index * 20_000_000 for index in range(40)]
+    messages = [('/joint_states', stamp, bags.joints(stamp, names, [right, left]))
+                for stamp, (left, right) in zip(stamps, angles.tolist(), strict=True)]
+    messages.insert(7, ('/joint_states', stamps[6], bags.joints(stamps[3], names, [9.0, 9.0])))
+    messages.insert(9, ('/joint_states', stamps[8], bags.joints(stamps[8], names, [np.nan, 1.0])))
+    folder = bags.write(tmp_path / 'drive', 'mcap', messages)
+    (tmp_path / 'robot.yaml').write_text(NOMINAL)
+    done = tool('replay', folder, '--params', tmp_path / 'robot.yaml', '--output',
+                tmp_path / 'out.mcap')
+    assert done.returncode == 0, done.stderr
+    odometry = Odometry(DiffDrive(0.30, 0.05, 0.05))
+    with Reader(tmp_path / 'out.mcap') as reader:
+        written = [bags.STORE.deserialize_cdr(data, connection.msgtype)
+                   for connection, _, data in reader.messages()]
+    assert len(written) == 40
+    for message, stamp, (left, right) in zip(written, stamps, angles.tolist(), strict=True):
+        odometry.update(left, right, stamp)
+        assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp
+        assert message.pose.pose.position.x == pytest.approx(odometry.pose[0], abs=1e-12)
+        assert message.pose.covariance[35] == pytest.approx(odometry.pose_covariance[2, 2])
+        assert message.twist.twist.linear.x == pytest.approx(odometry.twist[0])
+    done = tool('replay', folder, '--params', tmp_path / 'robot.yaml', '--output',
+                tmp_path / 'out.tum')
+    last = (tmp_path / 'out.tum').read_text().splitlines()[-1].split()
+    assert float(last[1]) == pytest.approx(odometry.pose[0], abs=1e-8)
+    assert last[0] == '1700000000.903456789'
+
+
+@pytest.mark.parametrize(('arguments', 'rule'), [
+    (['square.csv', '--params', 'nothing.yaml'], 'nothing.yaml: .*No such file'),
+    (['square.csv', '--params', 'other.yaml'], 'wheel_separation = .not set.: must be positive'),
+    (['square.csv', '--params', 'nominal.yaml', '--output', 'new.doc'], 'new.doc: must end with'),
+    (['square.csv', '--params', 'nominal.yaml', '--output', 'there.csv'], 'exists: --force'),
+    (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
+])
+def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
+    monkeypatch.chdir(place)
+    Path('other.yaml').write_text(NOMINAL.replace('/**:', '/other_node:'))
+    Path('there.csv').write_text('mine')
+    Path('late.csv').write_text(
+        'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
+    line = refused('replay', *arguments)
+    assert re.search(rule, line), line
+    assert Path('there.csv').read_text() == 'mine'
+
+
+@pytest.mark.parametrize(('arguments', 'rule'), [
+    ([], 'no logs; or --umbmark'),
+    (['square.csv'], 'what is the robot nominally'),
+    (['bare.csv', '--params', 'nominal.yaml'], 'bare.csv: has no reference'),
+    (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
+    (['square.csv', '--params', 'nominal.yaml', '--output', 'nominal.yaml'], 'exists: --force'),
+])
+def test_calibrate_refuses_in_one_line(place, monkeypatch, arguments, rule):
+    monkeypatch.chdir(place)
+    Path('bare.csv').write_text('stamp,left,right\n0,0,0\n1,1,1\n2,2,2\n')
+    Path('late.csv').write_text(
+        'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
+    assert rule in refused('calibrate', *arguments)
+    assert Path('nominal.yaml').read_text() == NOMINAL
+
+
+def test_squares_and_a_ruler_will_do(tmp_path):
+    (tmp_path / 'ends.csv').write_text(
+        'direction,x,y\ncw,-0.10,0.02\ncw,-0.12,0.03\nccw,-0.05,0.01\nccw,-0.07,-0.01\n')
+    done = tool('calibrate', '--umbmark', tmp_path / 'ends.csv', '--side', 4, '--separation', 0.34,
+                '--radius', 0.05, '--output', tmp_path / 'robot.yaml')
+    assert done.returncode == 0, done.stderr
+    assert 'E_b 1.0' in done.stdout
+    assert parameter_file.read(tmp_path / 'robot.yaml').drive.wheel_separation > 0.34
+
+
+def test_ctrl_c_keeps_what_is_done(place):
+    with subprocess.Popen(
+            [sys.executable, '-c', INTERRUPTED], stdout=subprocess.PIPE, text=True,
+            stderr=subprocess.PIPE, start_new_session=True,
+            env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}) as process:
+        assert process.stdout.readline() == 'done 0\n'
+        process.send_signal(signal.SIGINT)
+        said, errors = process.communicate(timeout=30)
+    assert process.returncode == 0, errors
+    assert said.splitlines()[-1] == 'kept 1'
+    assert 'interrupted, 1 not done' in errors
+
+
+def wait_for(seconds):
+    """Take so long; for a process of its own."""
+    time.sleep(seconds)
+    return seconds
+
+
+INTERRUPTED = """
+from diffdrive_ros.calibrate import on_all_cores
+from test_offline_tools import wait_for
+kept = []
+for index, result in on_all_cores('Waiting', wait_for, [(0.0,), (1.5,)]):
+    kept.append(result)
+    print('done', index, flush=True)
+print('kept', len(kept), flush=True)
+"""
