@@ -1,7 +1,7 @@
 """
 How fast and in how much memory is a large bag replayed? Run as a script: figures, and 1 for a no.
 
-Writes a bag of a gigabyte, wheels and reference at 200 Hz among images, and replays it as a process.
+Writes a bag of a gigabyte, wheels and reference at 200 Hz among images, and replays it.
 """
 import argparse
 from pathlib import Path
@@ -62,9 +62,9 @@ def main() -> int:
     rate = options.seconds * RATE / took
     megabytes = usage.ru_maxrss / 1024
     used = usage.ru_utime + usage.ru_stime
-    print(f'{size / 1e9:.2f} GB of {options.seconds:g} s in {took:.2f} s (of them {used:.2f} s of '
-          f'one core): {rate:.0f} wheel messages a second, {options.seconds / took:.0f} times real '
-          f'time, {megabytes:.0f} MB')
+    print(f'{size / 1e9:.2f} GB of {options.seconds:g} s in {took:.2f} s ({used:.2f} s of one '
+          f'core): {rate:.0f} wheel messages a second, {options.seconds / took:.0f} times real time, '
+          f'{megabytes:.0f} MB')
     good = (rate >= MESSAGES_A_SECOND and options.seconds / took > TIMES_REAL_TIME
             and megabytes < MEGABYTES)
     return 0 if good else 1
