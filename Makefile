@@ -3,7 +3,7 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo lint test colcon consistency mutants fuzz soak bench clean
+.PHONY: help demo example lint test colcon consistency mutants fuzz soak bench clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -26,8 +26,12 @@ colcon:  ## build and test as a ROS workspace does
 	@.ci/environment colcon .ci/tf2_msgs
 	@.ci/environment colcon .ci/colcon
 
-consistency:  ## check the covariance against thousands of simulated drives
+consistency:  ## check the covariance, and the error bars of calibrations, in simulation
 	@.ci/environment test python test/consistency.py $(ARGS)
+	@[ -n '$(ARGS)' ] || .ci/environment test python test/consistency.py --calibrations 500
+
+example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that run
+	@.ci/environment offline python -m diffdrive_ros.example $(ARGS)
 
 mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23'
 	@.ci/environment test python test/mutants.py $(ARGS)
@@ -42,5 +46,5 @@ bench:  ## measure what node and core cost, into doc/performance.md: make bench 
 	@.ci/environment test python test/benchmark.py $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
-	rm -rf .venv .venv-ros .colcon build dist demo.png *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-ros .colcon build dist demo.png example *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find diffdrive_ros test -name __pycache__ -prune -exec rm -rf {} +

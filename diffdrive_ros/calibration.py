@@ -22,7 +22,7 @@ import math
 from diffdrive_ros import se2
 from diffdrive_ros.arguments import Array
 from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.linearization import linearize
+from diffdrive_ros.linearization import Linearization, linearize
 from diffdrive_ros.odometry import GeometryUncertainty, integrate, ORIGIN, WheelNoise
 import numpy as np
 from scipy import linalg, optimize
@@ -196,9 +196,9 @@ _CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
 _MARKER_PRIOR = (0.3, 0.3, 3.0)  # [m, m, rad]
 _OFFSET_PRIOR = 0.2  # [s]
 
-# Variances: where the search starts, and its bounds.
+# Variances: where the search starts, and how far it goes at a time, in their logarithms.
 _STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-5, 1e-5])
-_BOUNDS = [(1e-12, 1e-1), (1e-11, 1e1), (1e-14, 1e0), (1e-14, 1e0), (1e-12, 1e0)]
+_LEAP = math.log(100.0)
 
 _RATE = 0.02  # [s], over which the rate of the poses is taken
 
@@ -211,12 +211,18 @@ class _State:
     start: Array
     time_offset: float
     weights: Array
+    slips: Array
+    """How much further than they turned the wheels seem to have travelled, (2, N) [m]."""
 
 
 @dataclass(frozen=True)
 class _Linear:
     """One drive's residuals, (n,), their derivatives, (n, locals + common), and components."""
 
+    seconds: Array
+    asked: list[int]
+    linear: Linearization
+    from_origin: Array
     residuals: Array
     local: Array
     common: Array
@@ -255,7 +261,7 @@ class _Fit:
             self.marker[2] = _marker_heading(thinned, nominal)
         self.states = [_State(
             drive, se2.compose(drive.reference[0], se2.inverse(self.marker)), 0.0,
-            np.ones(len(drive.reference))) for drive in thinned]
+            np.ones(len(drive.reference)), np.zeros((2, len(drive.seconds)))) for drive in thinned]
         self._choose_what_is_observed()
 
     @property
@@ -272,7 +278,8 @@ class _Fit:
             self.solution = self._solve(linears, self.variances)
             self._step(self.solution)
             self._weigh(self.solution)
-            small = 1e-2 * np.sqrt(np.diag(self.solution.covariance))
+            self._smooth(self.solution, linears)
+            small = 0.03 * np.sqrt(np.diag(self.solution.covariance))
             if (np.abs(self.solution.common) <= small).all():
                 break
         self.linears = [self._linear(state) for state in self.states]
@@ -296,7 +303,7 @@ class _Fit:
 
     def _linear(self, state: _State) -> _Linear:
         drive = state.drive
-        left, right, asked = _resampled(drive, state.time_offset)
+        seconds, left, right, asked = self._angles(state, state.time_offset)
         linear = linearize(self.drive, left, right, state.start, asked)
         poses, seen = linear.poses, se2.compose(linear.poses, self.marker)
         later, earlier = (
@@ -319,6 +326,11 @@ class _Fit:
         residuals = drive.reference - seen
         residuals[:, 2] = se2.wrap_angle(residuals[:, 2])
         from_origin = moves @ linear.seen_from
+        # The poses are those of wheels that slipped; the residuals are of wheels that did not.
+        slips = np.diff([np.interp(seconds, drive.seconds, slip) for slip in state.slips]).T
+        steps = np.einsum('mij,mj->mi', linear.by_steps[:, :, :2], slips)
+        seen_slips = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])[asked]
+        residuals += np.einsum('kij,kj->ki', from_origin, seen_slips)
         components = np.stack([
             _walk(from_origin, linear.left_noise + linear.right_noise),
             _walk(from_origin, linear.turn_noise),
@@ -328,14 +340,44 @@ class _Fit:
         ])
         rows = residuals.size
         return _Linear(
-            residuals.ravel(), np.concatenate(local, axis=-1).reshape(rows, -1),
+            seconds, asked, linear, from_origin, residuals.ravel(),
+            np.concatenate(local, axis=-1).reshape(rows, -1),
             np.concatenate(common, axis=-1).reshape(rows, -1), components)
 
     def _seen(self, state: _State, offset: float) -> Array:
         """Return the poses of the marker at the stamps of the reference, (K, 3)."""
-        left, right, asked = _resampled(state.drive, offset)
+        _, left, right, asked = self._angles(state, offset)
         poses = integrate(self.drive, left, right, state.start)[asked]
         return se2.compose(poses, self.marker)
+
+    def _angles(self, state: _State, offset: float) -> tuple[Array, Array, Array, list[int]]:
+        """Return stamps and wheel angles with the slips, as _resampled."""
+        drive, (left_slip, right_slip) = state.drive, state.slips
+        return _resampled(replace(
+            drive, left=drive.left + left_slip / self.drive.left_wheel_radius,
+            right=drive.right + right_slip / self.drive.right_wheel_radius), offset)
+
+    def _smooth(self, solution: _Solution, linears: list[_Linear]) -> None:
+        """
+        Set how the wheels seem to have slipped, given all that the reference says.
+
+        Noise bends the way, and a bent way is shorter, which no derivative at the way that is not
+        bent can tell. So the next derivatives are taken at the likeliest way.
+        """
+        travel, turn = self.variances[:2]
+        for state, linear, smooth in zip(self.states, linears, solution.smooth, strict=True):
+            pulls = np.einsum('kij,ki->kj', linear.from_origin, smooth.reshape(-1, 3))
+            later = np.zeros((len(linear.seconds), 3))
+            np.add.at(later, linear.asked, pulls)
+            # What a step does is seen by all poses after it.
+            later = np.cumsum(later[::-1], axis=0)[::-1][1:]
+            left, right, turned = (
+                linear.linear.variances * [travel, travel, turn]
+                * np.einsum('mij,mi->mj', linear.linear.by_steps, later)).T
+            half = 0.5 * self.drive.wheel_separation * turned
+            for side, slip in enumerate((left - half, right + half)):
+                total = np.concatenate([[0.0], np.cumsum(slip)])
+                state.slips[side] = np.interp(state.drive.seconds, linear.seconds, total)
 
     def _fit_noise(self, linears: list[_Linear]) -> None:
         """Set the variances to the likeliest."""
@@ -345,10 +387,11 @@ class _Fit:
             return solution.objective, solution.gradient * variances
 
         # One that was tiny while the geometry was still wrong could not leave there by itself.
-        tried = np.maximum(self.variances, 0.02 * _STARTS)
+        tried = np.log(np.maximum(self.variances, 0.02 * _STARTS))
         found = optimize.minimize(
-            objective, np.log(tried), jac=True, method='L-BFGS-B',
-            bounds=np.log(_BOUNDS).tolist(), options={'maxiter': 40, 'ftol': 1e-7})
+            objective, tried, jac=True, method='L-BFGS-B',
+            bounds=[(each - _LEAP, each + _LEAP) for each in tried.tolist()],
+            options={'maxiter': 40, 'ftol': 1e-7})
         self.variances = np.exp(found.x)
 
     def _solve(self, linears: list[_Linear], variances: Array) -> _Solution:
@@ -467,6 +510,7 @@ class _Fit:
                 else self._report(next(states)) for index, whole in enumerate(drives)))
 
     def _report(self, state: _State) -> DriveReport:
+        state = replace(state, slips=np.zeros_like(state.slips))
         residuals = state.drive.reference - self._seen(state, state.time_offset)
         residuals[:, 2] = se2.wrap_angle(residuals[:, 2])
         radius = 0.25 * (self.drive.left_wheel_radius + self.drive.right_wheel_radius)
@@ -489,12 +533,12 @@ def _by_logarithms(drive: DiffDrive) -> Array:
         [drive.wheel_separation, 0.0, 0.0], [0.0, left, -0.5 * left], [0.0, right, 0.5 * right]])
 
 
-def _resampled(drive: Drive, offset: float) -> tuple[Array, Array, list[int]]:
-    """Return wheel angles, also at the reference's stamps, and which samples these are."""
+def _resampled(drive: Drive, offset: float) -> tuple[Array, Array, Array, list[int]]:
+    """Return stamps and wheel angles, also at the reference's stamps, and which these are."""
     asked = np.clip(drive.reference_seconds + offset, drive.seconds[0], drive.seconds[-1])
     seconds = np.union1d(drive.seconds, asked)
     return (
-        np.interp(seconds, drive.seconds, drive.left),
+        seconds, np.interp(seconds, drive.seconds, drive.left),
         np.interp(seconds, drive.seconds, drive.right), np.searchsorted(seconds, asked).tolist())
 
 
@@ -502,7 +546,7 @@ def _marker_heading(drives: Sequence[Drive], nominal: DiffDrive) -> float:
     """Return about how far the marker is turned against the robot, from where both go."""
     product = 0.0 + 0.0j
     for drive in drives:
-        left, right, asked = _resampled(drive, 0.0)
+        _, left, right, asked = _resampled(drive, 0.0)
         moves = []
         for poses in (integrate(nominal, left, right)[asked], drive.reference):
             x, y, _ = se2.between(poses[:-1], poses[1:]).T

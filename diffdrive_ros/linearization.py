@@ -37,6 +37,10 @@ class Linearization:
     left_noise: Array
     right_noise: Array
     turn_noise: Array
+    by_steps: Array
+    """Of all steps, seen from the origin: by left and right travel and turn, (M - 1, 3, 3)."""
+    variances: Array
+    """Of all steps, for one unit of each parameter of WheelNoise, (M - 1, 3)."""
 
     def covariances(self, noise: WheelNoise) -> Array:
         """Return the covariance that the noise of the wheels gives to each pose, (N, 3, 3)."""
@@ -73,15 +77,19 @@ def linearize(
     geometry = np.stack([
         (-turn / separation)[:, np.newaxis] * by_turn,
         d_left[:, np.newaxis] * by_left, d_right[:, np.newaxis] * by_right], axis=-1)
+    by_steps = np.stack([by_left, by_right, by_turn], axis=-1)
+    variances = np.abs(np.stack([
+        drive.left_wheel_radius * d_left, drive.right_wheel_radius * d_right, turn], axis=-1))
+    left_noise, right_noise, turn_noise = (
+        _spread(variances[:, which], by_steps[:, :, which])[chosen] for which in range(3))
     seen_from = _seen_from(poses)
     return Linearization(
         poses=poses[chosen],
         by_geometry=seen_from[chosen] @ _running_sum(geometry)[chosen],
         by_start=seen_from[chosen] @ np.linalg.inv(seen_from[0]),
         seen_from=seen_from[chosen],
-        left_noise=_spread(np.abs(drive.left_wheel_radius * d_left), by_left)[chosen],
-        right_noise=_spread(np.abs(drive.right_wheel_radius * d_right), by_right)[chosen],
-        turn_noise=_spread(np.abs(turn), by_turn)[chosen])
+        left_noise=left_noise, right_noise=right_noise, turn_noise=turn_noise,
+        by_steps=by_steps, variances=variances)
 
 
 def _seen_from(poses: Array) -> Array:

@@ -328,13 +328,10 @@ def write_odometry(
         wide[:, (2, 3, 4), (2, 3, 4)] = UNKNOWN
         wide[np.ix_(range(len(stamps_ns)), PLANAR, PLANAR)] = covariances
         values[:, begin:begin + 36] = wide.reshape(-1, 36)
-    frames = _string(odom_frame)
-    frames += b'\0' * (-len(frames) % 4) + _string(base_frame)
-    frames += b'\0' * (-len(frames) % 8)  # doubles follow; the stamp before takes 8 bytes
-    with _Writer(path, '/odom', 'nav_msgs/msg/Odometry') as writer:
+    frames = _padded(_padded(_string(odom_frame), 4) + _string(base_frame), 8)
+    with _Writer(path, {'/odom': 'nav_msgs/msg/Odometry'}) as writer:
         for stamp_ns, row in zip(stamps_ns, values, strict=True):
-            head = b'\0\1\0\0' + struct.pack('<iI', *divmod(stamp_ns, 10**9))
-            writer.write(stamp_ns, head + frames + row.astype('<f8').tobytes())
+            writer.write('/odom', stamp_ns, frames + row.astype('<f8').tobytes())
 
 
 UNKNOWN = 1e6
@@ -352,10 +349,10 @@ def _seconds(stamp_ns: int) -> str:
 
 
 class _Writer:
-    """An .mcap of one topic; rosbags writes folders, of which the one file is taken."""
+    """An .mcap; rosbags writes folders, of which the one file is taken."""
 
-    def __init__(self, path: Path, topic: str, kind: str) -> None:
-        self._path, self._topic, self._kind = path, topic, kind
+    def __init__(self, path: Path, topics: Mapping[str, str]) -> None:
+        self._path, self._topics = path, topics
 
     def __enter__(self) -> '_Writer':
         try:
@@ -368,16 +365,53 @@ class _Writer:
         self._writer = Writer(
             Path(self._folder.name) / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
-        self._connection = self._writer.add_connection(
-            self._topic, self._kind, typestore=get_typestore(Stores.ROS2_JAZZY))
+        self._connections = {
+            topic: self._writer.add_connection(
+                topic, kind, typestore=get_typestore(Stores.ROS2_JAZZY))
+            for topic, kind in self._topics.items()}
         return self
 
-    def write(self, stamp_ns: int, data: bytes) -> None:
-        """Write one message, received when it was stamped."""
-        self._writer.write(self._connection, stamp_ns, data)
+    def write(self, topic: str, stamp_ns: int, body: bytes) -> None:
+        """Write one message, stamped and received then; body is what follows its stamp."""
+        head = b'\0\1\0\0' + struct.pack('<iI', *divmod(stamp_ns, 10**9))
+        self._writer.write(self._connections[topic], stamp_ns, head + body)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._writer.close()
         if kind is None:
             (Path(self._folder.name) / 'bag' / 'bag.mcap').replace(self._path)
         self._folder.cleanup()
+
+
+class DriveWriter(_Writer):
+    """An .mcap of a drive: JointStates, and a reference as PoseStamped."""
+
+    def __init__(self, path: Path, wheels: str, reference: str) -> None:
+        super().__init__(path, {wheels: JOINTS, reference: 'geometry_msgs/msg/PoseStamped'})
+        self._wheels, self._reference = wheels, reference
+
+    def __enter__(self) -> 'DriveWriter':
+        super().__enter__()
+        return self
+
+    def write_joints(self, stamp_ns: int, names: Sequence[str], positions: Array) -> None:
+        """Write a JointState with positions [rad]."""
+        body = _string('')
+        body = _padded(body, 4) + struct.pack('<I', len(names))
+        for name in names:
+            body = _padded(body, 4) + _string(name)
+        body = _padded(body, 4) + struct.pack('<I', len(names))
+        body = _padded(body, 8) + positions.astype('<f8').tobytes() + struct.pack('<II', 0, 0)
+        self.write(self._wheels, stamp_ns, body)
+
+    def write_pose(self, stamp_ns: int, frame: str, pose: tuple[float, float, float]) -> None:
+        """Write a PoseStamped of a pose in the plane."""
+        x, y, theta = pose
+        body = _padded(_string(frame), 8) + struct.pack(
+            '<7d', x, y, 0.0, 0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
+        self.write(self._reference, stamp_ns, body)
+
+
+def _padded(body: bytes, size: int) -> bytes:
+    """Return bytes filled up for what is aligned to a size; the stamp before them takes 8."""
+    return body + b'\0' * (-len(body) % size)

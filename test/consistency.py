@@ -12,8 +12,9 @@ and what comes of it beyond is shown. On a straight line of length l, NEES/3 of 
 1 + 0.19 (l sigma / s)^2 for a deviation sigma of the heading and a separation s. Then the odometry
 is told each parameter of the noise by half, and the same check has to fail.
 
-With --optiodom, a real robot under motion capture instead: noise fitted on one set of runs judges
-the others.
+With --calibrations, the error bars of calibrations are judged likewise: see
+calibration_consistency.py. With --optiodom, a real robot under motion capture instead: noise
+fitted on one set of runs judges the others.
 """
 import argparse
 from dataclasses import dataclass, fields, replace
@@ -331,11 +332,18 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=0, help='of the truth; default %(default)s')
     parser.add_argument(
         '--halve', choices=PARAMETERS, default='', help='tell the odometry this one by half')
+    parser.add_argument(
+        '--calibrations', type=int, default=0, help='judge the error bars of so many instead')
     parser.add_argument('--optiodom', action='store_true', help=f'judge the runs in {OPTIODOM}')
     arguments = parser.parse_args()
     if arguments.optiodom:
         judge_optiodom()
         return 0
+    if arguments.calibrations:
+        from calibration_consistency import judge as judge_calibrations
+        true = judge_calibrations(arguments.calibrations, arguments.seed)
+        print('\nThe error bars are ' + ('true.' if true else 'NOT true.'))
+        return 0 if true else 1
     true = judge(arguments.runs, arguments.seed, arguments.halve)
     print('\nThe covariance is ' + ('true.' if true else 'NOT true.'))
     return 0 if true else 1

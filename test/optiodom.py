@@ -1,0 +1,43 @@
+"""The OptiOdom recordings as drives and as logs: see ../shared/data/optiodom/README.md."""
+import math
+from pathlib import Path
+
+from diffdrive_ros.calibration import Drive
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import integrate
+import numpy as np
+
+DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'optiodom'
+CIRCULAR, SQUARE, OTHER_SQUARE = (
+    'circular/231220200121', 'square/231220200029', 'square/231220200040')
+TICK = 2.0 * math.pi / 2796.8  # [rad]
+NOMINAL = DiffDrive(0.200, 0.042, 0.042)
+
+
+def drives(recordings):
+    """Return the drives of a set; the data give right ticks before left ones."""
+    folder, prefix = recordings.split('/')
+    return [_drive(run) for run in sorted((DATA / folder).glob(f'{prefix}_run-*.csv'))]
+
+
+def _drive(run):
+    seconds, x, y, theta, right_ticks, left_ticks = np.loadtxt(run, delimiter=',').T
+    seconds = seconds - seconds[0]
+    return Drive(
+        run.stem, seconds, np.cumsum(left_ticks) * TICK, np.cumsum(right_ticks) * TICK, seconds,
+        np.stack([x, y, np.unwrap(theta)], axis=-1))
+
+
+def write_csv(drive, path):
+    """Write a drive as a log for the tools."""
+    rows = zip(drive.seconds, drive.left, drive.right, *drive.reference.T, strict=True)
+    path.write_text('stamp,left,right,x,y,theta\n' + ''.join(
+        ','.join(f'{value:.9f}' for value in row) + '\n' for row in rows))
+    return path
+
+
+def median_final_error(drive, recordings):
+    """Return the median over a set of how far the last position is off [m], from the start on."""
+    return float(np.median([
+        np.hypot(*(integrate(drive, run.left, run.right)[-1] - run.reference[-1])[:2])
+        for run in drives(recordings)]))

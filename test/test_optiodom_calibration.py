@@ -1,0 +1,55 @@
+"""Calibration on a real robot under motion capture: OptiOdom, see optiodom.py."""
+from diffdrive_ros.calibration import calibrate
+import numpy as np
+import optiodom
+from optiodom import CIRCULAR, drives, median_final_error, NOMINAL, OTHER_SQUARE, SQUARE
+import pytest
+
+pytestmark = pytest.mark.skipif(
+    not optiodom.DATA.is_dir(),
+    reason='the OptiOdom recordings are not in ../shared/data/optiodom')
+
+
+@pytest.fixture(scope='module')
+def circular():
+    """Return the calibration by the circles alone."""
+    return calibrate(drives(CIRCULAR), NOMINAL)
+
+
+def test_the_circles_give_the_geometry_that_their_authors_know(circular):
+    assert circular.drive.wheel_separation == pytest.approx(0.2022, abs=0.5e-3)
+    assert 2.0 * circular.drive.right_wheel_radius == pytest.approx(0.0837, abs=0.1e-3)
+    assert 2.0 * circular.drive.left_wheel_radius == pytest.approx(0.0838, abs=0.1e-3)
+    assert circular.not_observed == ()
+    assert [drive.outlier for drive in circular.drives] == [''] * 6
+
+
+def test_the_circles_end_within_a_tenth_of_their_nominal_error(circular):
+    assert median_final_error(NOMINAL, CIRCULAR) == pytest.approx(0.107, abs=1e-3)
+    assert median_final_error(circular.drive, CIRCULAR) <= 0.010
+
+
+@pytest.mark.parametrize(('recordings', 'nominal', 'at_most'), [
+    (SQUARE, 0.065, 0.042),
+    pytest.param(OTHER_SQUARE, 0.080, 0.042, marks=pytest.mark.xfail(
+        reason='0.0447: on circles the separation is 1 mm larger than on squares, see '
+        'doc/calibration.md')),
+])
+def test_squares_that_the_circles_have_not_seen_end_nearer(
+        circular, recordings, nominal, at_most):
+    assert median_final_error(NOMINAL, recordings) == pytest.approx(nominal, abs=1e-3)
+    assert median_final_error(circular.drive, recordings) <= at_most
+
+
+def test_circles_and_squares_together_carry_over_to_other_squares():
+    found = calibrate(drives(CIRCULAR) + drives(SQUARE), NOMINAL)
+    assert median_final_error(found.drive, OTHER_SQUARE) <= 0.026
+    assert median_final_error(found.drive, CIRCULAR) <= 0.025
+    # The squares of one set end as near as those that were fitted.
+    assert median_final_error(found.drive, SQUARE) <= 0.020
+
+
+def test_the_capture_has_its_own_clock_and_marker(circular):
+    assert np.abs(circular.marker[:2]).max() < 0.003
+    assert circular.marker[2] == pytest.approx(-0.006, abs=0.002)
+    assert 0.0003 < circular.position_std < 0.002
