@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 import signal
 import sys
+import threading
 from typing import TYPE_CHECKING, TypeVar
 
 from diffdrive_ros import logs, parameter_file
@@ -59,11 +60,14 @@ def on_all_cores(
         signal.SIGINT, signal.SIG_IGN))
     pending: dict[Future[OutT], int] = {
         pool.submit(function, *task): index for index, task in enumerate(tasks)}
+    # A flag and no exception: that could come while the caller keeps what is done.
+    stop = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda number, frame: stop.set())
     with Progress(console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task(what, total=len(tasks))
         try:
-            while pending:
-                for future in wait(pending, return_when=FIRST_COMPLETED).done:
+            while pending and not stop.is_set():
+                for future in wait(pending, 0.1, FIRST_COMPLETED).done:
                     index = pending.pop(future)
                     try:
                         result: OutT | ValueError = future.result()
@@ -71,10 +75,11 @@ def on_all_cores(
                         result = error
                     progress.advance(bar)
                     yield index, result
-        except KeyboardInterrupt:
-            print(f'{what}: interrupted, {len(pending)} not done', file=sys.stderr)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+            signal.signal(signal.SIGINT, before)
+    if pending:
+        print(f'{what}: interrupted, {len(pending)} not done', file=sys.stderr)
 
 
 def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
@@ -98,10 +103,10 @@ def drive_of(log: Log) -> 'Drive':
 
 
 def calibrate_by(drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms') -> 'Calibration':
-    """Return the calibration; for a process of its own."""
+    """Return the calibration by drives of which none is an outlier; for a process of its own."""
     from diffdrive_ros.calibration import calibrate
 
-    return calibrate(drives, nominal, terms)
+    return calibrate(drives, nominal, terms, keep_all=True)
 
 
 # What was found, for people and for the node
@@ -189,27 +194,36 @@ def judged_table(judged: Sequence[Judged]) -> str:
     return '\n'.join(lines)
 
 
-def compared(log: Log, robot: Robot) -> Comparison:
+def compared(log: Log, robot: Robot, found: 'Calibration') -> Comparison:
     """Return odometry of a log beside its reference, from the first pose on."""
     assert log.reference is not None
     every = max(1, len(log.samples) // 500)
-    return compare(replay(robot, log.samples, every), log.reference)
+    return compare(
+        replay(robot, log.samples, every), log.reference, marker=found.marker,
+        reference_std=(found.position_std, found.heading_std))
 
 
-def final_error(log: Log, drive: DiffDrive, robot: Robot) -> float:
+def final_error(log: Log, drive: DiffDrive, robot: Robot, found: 'Calibration') -> float:
     """Return how far odometry with a geometry is from the reference at the end [m]."""
-    return compared(log, replace(robot, drive=drive)).figures.final_position
+    return compared(log, replace(robot, drive=drive), found).figures.final_position
 
 
 def cross_validate(
-    drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms',
+    drives: 'Sequence[Drive]', robot: Robot, terms: 'Terms', found: 'Calibration',
 ) -> 'dict[int, Calibration]':
-    """Return, for each drive, the calibration by all others; not for what Ctrl-C cut off."""
-    tasks = [
-        ([*drives[:index], *drives[index + 1:]], nominal, terms) for index in range(len(drives))]
-    return {
-        index: found for index, found in on_all_cores('Cross-validation', calibrate_by, tasks)
-        if not isinstance(found, ValueError)}
+    """
+    Return, for each drive, a calibration that has not seen it; not for what Ctrl-C cut off.
+
+    That is the one by all others, but for outliers: those it has not seen anyway.
+    """
+    kept = [index for index, drive in enumerate(found.drives) if not drive.outlier]
+    tasks = [([drives[other] for other in kept if other != index], robot.nominal, terms)
+             for index in kept]
+    unseen = {index: found for index in range(len(drives)) if index not in kept}
+    for task, result in on_all_cores('Cross-validation', calibrate_by, tasks):
+        if not isinstance(result, ValueError):
+            unseen[kept[task]] = result
+    return unseen
 
 
 # The shell
@@ -270,7 +284,7 @@ def run(options: argparse.Namespace) -> None:
     for extra in ('rich', 'scipy', *(['matplotlib'] if options.plot else [])):
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
-    from diffdrive_ros.calibration import Terms
+    from diffdrive_ros.calibration import calibrate, Terms
 
     robot = robot_of(options)
     wanted = Wanted(options.wheels, options.reference, options.reference_child)
@@ -281,18 +295,22 @@ def run(options: argparse.Namespace) -> None:
             raise result
         read[index] = result
     kept = [read[index] for index in sorted(read)]
+    if not kept:
+        raise OptionError('interrupted before a log was read')
     drives = [drive_of(log) for log in kept]
     terms = Terms(
         time_offset='time-offset' not in options.without, marker='marker' not in options.without)
-    found = calibrate_by(drives, robot.nominal, terms)
+    found = calibrate(drives, robot.nominal, terms)
     print(summary_of(robot, found))
     unseen: dict[int, Calibration] = {}
     if len(drives) > 2 and not options.no_validation:
-        unseen = cross_validate(drives, robot.nominal, terms)
+        unseen = cross_validate(drives, robot, terms, found)
     judged = [
         Judged(
-            log.name, final_error(log, robot.nominal, robot), final_error(log, found.drive, robot),
-            final_error(log, unseen[index].drive, robot) if index in unseen else None)
+            log.name, final_error(log, robot.nominal, robot, found),
+            final_error(log, found.drive, robot, found),
+            final_error(log, unseen[index].drive, robot, unseen[index])
+            if index in unseen else None)
         for index, log in enumerate(kept)]
     print(judged_table(judged))
     values = parameters_of(robot, found)
@@ -308,7 +326,7 @@ def run(options: argparse.Namespace) -> None:
         from diffdrive_ros import plots
         after = Robot.of(values)
         comparisons = [
-            {name: compared(log, each) for name, each in (('before', robot), ('after', after))}
+            {'before': compared(log, robot, found), 'after': compared(log, after, found)}
             for log in kept]
         plots.draw_calibration(options.plot, comparisons, found, judged)
 

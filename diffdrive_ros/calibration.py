@@ -36,7 +36,7 @@ POSES = 50
 HUBER = float(chi2.ppf(0.999, 3))
 
 # A drive less likely than this, given the others, is left out.
-OUTLIER = 1e-4
+OUTLIER = 1e-6
 ROUGHER = 4.0  # or whose own noise is this many times that of the others, in variance
 
 # What cannot be known this well, relative to itself, is taken for not observed.
@@ -158,10 +158,11 @@ class Calibration:
 
 
 def calibrate(
-    drives: Sequence[Drive], nominal: DiffDrive, terms: Terms | None = None,
+    drives: Sequence[Drive], nominal: DiffDrive, terms: Terms | None = None, *,
+    keep_all: bool = False,
 ) -> Calibration:
     """
-    Return the calibration by drives with a reference, outliers among them left out.
+    Return the calibration by drives with a reference; outliers are left out unless keep_all.
 
     nominal is where the search starts, and what stays of what is not observed. Raises
     CalibrationError if there is nothing that the drives can tell.
@@ -174,7 +175,9 @@ def calibrate(
         kept = [drive for index, drive in enumerate(drives) if index not in outliers]
         fit = _Fit(kept, nominal, terms)
         fit.run()
-        worst = fit.worst_drive() if len(kept) > max(2, 2 * len(drives) // 3) else None
+        # Of three, one does not contradict the others with any certainty.
+        may_leave_out = not keep_all and len(kept) > max(3, 2 * len(drives) // 3)
+        worst = fit.worst_drive() if may_leave_out else None
         if worst is None:
             break
         index = [index for index in range(len(drives)) if index not in outliers][worst[0]]
@@ -274,8 +277,8 @@ class _Fit:
         """Iterate until the geometry stands still."""
         for _ in range(20):
             linears = [self._linear(state) for state in self.states]
-            self._fit_noise(linears)
-            self.solution = self._solve(linears, self.variances)
+            self.variances = self._likeliest(linears, self.states)
+            self.solution = self._solve(linears, self.states, self.variances)
             self._step(self.solution)
             self._weigh(self.solution)
             self._smooth(self.solution, linears)
@@ -283,11 +286,11 @@ class _Fit:
             if (np.abs(self.solution.common) <= small).all():
                 break
         self.linears = [self._linear(state) for state in self.states]
-        self.solution = self._solve(self.linears, self.variances)
+        self.solution = self._solve(self.linears, self.states, self.variances)
 
     def _choose_what_is_observed(self) -> None:
         linears = [self._linear(state) for state in self.states]
-        every = self._solve(linears, self.variances).information
+        every = self._solve(linears, self.states, self.variances).information
         for free, not_observed in _CHOICES:
             chosen = [*free, *range(3, len(every))]
             information = every[np.ix_(chosen, chosen)]
@@ -379,11 +382,11 @@ class _Fit:
                 total = np.concatenate([[0.0], np.cumsum(slip)])
                 state.slips[side] = np.interp(state.drive.seconds, linear.seconds, total)
 
-    def _fit_noise(self, linears: list[_Linear]) -> None:
-        """Set the variances to the likeliest."""
+    def _likeliest(self, linears: list[_Linear], states: list[_State]) -> Array:
+        """Return the variances that are the likeliest, by some or all of the drives."""
         def objective(logarithms: Array) -> tuple[float, Array]:
             variances = np.exp(logarithms)
-            solution = self._solve(linears, variances)
+            solution = self._solve(linears, states, variances)
             return solution.objective, solution.gradient * variances
 
         # One that was tiny while the geometry was still wrong could not leave there by itself.
@@ -392,9 +395,11 @@ class _Fit:
             objective, tried, jac=True, method='L-BFGS-B',
             bounds=[(each - _LEAP, each + _LEAP) for each in tried.tolist()],
             options={'maxiter': 40, 'ftol': 1e-7})
-        self.variances = np.exp(found.x)
+        return np.exp(found.x)
 
-    def _solve(self, linears: list[_Linear], variances: Array) -> _Solution:
+    def _solve(
+        self, linears: list[_Linear], states: list[_State], variances: Array,
+    ) -> _Solution:
         """Return the generalised least squares for given variances, and how likely they are."""
         size = linears[0].common.shape[1]
         information, right_side = np.zeros((size, size)), np.zeros(size)
@@ -403,7 +408,7 @@ class _Fit:
             information[-3:, -3:] += np.diag(prior)
             right_side[-3:-1] -= prior[:2] * self.marker[:2]
         objective, parts, normals = 0.0, [], []
-        for linear, state in zip(linears, self.states, strict=True):
+        for linear, state in zip(linears, states, strict=True):
             inverse, determinant = _inverse(np.tensordot(variances, linear.components, 1))
             derivatives = np.concatenate([linear.local, linear.common], axis=1)
             weighed = inverse @ derivatives
@@ -469,26 +474,37 @@ class _Fit:
             state.weights = np.minimum(1.0, HUBER / np.maximum(squares, 1e-9))
 
     def worst_drive(self) -> tuple[int, str] | None:
-        """Return which drive fits the others the least, and why it is an outlier, if it is."""
-        solution = self.solution
-        side = np.sum([normal[1] for normal in solution.normals], axis=0)
-        squares = np.array([
-            smooth @ (linear.residuals - linear.local @ local - linear.common @ solution.common)
-            / len(smooth) for smooth, linear, local in zip(
-                solution.smooth, self.linears, solution.locals_, strict=True)])
+        """
+        Return which drive fits the others the least, and why it is an outlier, if it is.
+
+        Each is judged by the geometry and the noise of the others, which it has no part in.
+        """
         found: list[tuple[float, int, str]] = []
-        for index, (own, own_side) in enumerate(solution.normals):
-            others = np.linalg.inv(solution.information - own)
-            without = own_side - own @ others @ (side - own_side)
-            surprise = float(without @ np.linalg.pinv(own + own @ others @ own) @ without)
-            odds = float(chi2.sf(surprise, len(side))) * len(solution.normals)
-            ratio = float(squares[index] / np.median(np.delete(squares, index)))
-            if odds < OUTLIER:
-                found.append((surprise, index, 'it contradicts the others on the geometry'))
+        for index, (linear, state) in enumerate(zip(self.linears, self.states, strict=True)):
+            linears, states = (
+                [*each[:index], *each[index + 1:]] for each in (self.linears, self.states))
+            variances = self._likeliest(linears, states)
+            others = self._solve(linears, states, variances)
+            alone = self._solve([linear], [state], variances)
+            own, side = alone.normals[0]
+            without = side - own @ others.common
+            spread = own + own @ others.covariance @ own
+            surprise = float(without @ np.linalg.pinv(spread) @ without)
+            odds = float(chi2.sf(surprise, len(side))) * len(self.linears)
+            unexplained = linear.residuals - linear.common @ others.common
+            inverse = alone.inverses[0]
+            weighed = inverse @ linear.local
+            explained = weighed.T @ unexplained
+            ratio = float(
+                unexplained @ inverse @ unexplained
+                - explained @ np.linalg.solve(linear.local.T @ weighed, explained))
+            ratio /= len(unexplained)
             if ratio > ROUGHER:
                 found.append((
                     100.0 * ratio, index,
                     f'its residuals have {ratio:.0f} times the variance of the others'))
+            elif odds < OUTLIER:
+                found.append((surprise, index, 'it contradicts the others on the geometry'))
         return max(found)[1:] if found else None
 
     def calibration(self, drives: Sequence[Drive], outliers: dict[int, str]) -> Calibration:

@@ -199,7 +199,7 @@ def test_ctrl_c_keeps_what_is_done(place):
             env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}) as process:
         assert process.stdout.readline() == 'done 0\n'
         process.send_signal(signal.SIGINT)
-        said, errors = process.communicate(timeout=30)
+        said, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     assert said.splitlines()[-1] == 'kept 1'
     assert 'interrupted, 1 not done' in errors
@@ -215,7 +215,7 @@ INTERRUPTED = """
 from diffdrive_ros.calibrate import on_all_cores
 from test_offline_tools import wait_for
 kept = []
-for index, result in on_all_cores('Waiting', wait_for, [(0.0,), (1.5,)]):
+for index, result in on_all_cores('Waiting', wait_for, [(0.0,), (5.0,)]):
     kept.append(result)
     print('done', index, flush=True)
 print('kept', len(kept), flush=True)
