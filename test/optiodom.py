@@ -2,8 +2,10 @@
 import math
 from pathlib import Path
 
+from diffdrive_ros import se2
 from diffdrive_ros.calibration import Drive
 from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.linearization import linearize
 from diffdrive_ros.odometry import integrate
 import numpy as np
 
@@ -41,3 +43,26 @@ def median_final_error(drive, recordings):
     return float(np.median([
         np.hypot(*(integrate(drive, run.left, run.right)[-1] - run.reference[-1])[:2])
         for run in drives(recordings)]))
+
+
+def mean_nees(found, recordings):
+    """
+    Return the mean NEES/3 of the last poses of a set, by geometry and noise of a calibration.
+
+    The start is the median over the first second: some first headings are off by up to 80 mrad.
+    """
+    scores = []
+    capture = np.diag(np.square([found.position_std, found.position_std, found.heading_std]))
+    for run in drives(recordings):
+        linear = linearize(found.drive, run.left, run.right)
+        body = se2.compose(run.reference, se2.inverse(found.marker))
+        frames = se2.compose(body[:20], se2.inverse(linear.poses[:20]))
+        frame = np.median(frames, axis=0)
+        error = se2.compose(se2.inverse(frame), body[-1]) - linear.poses[-1]
+        error[2] = se2.wrap_angle(error[2])
+        geometry, start = linear.by_geometry[-1], linear.by_start[-1]
+        covariance = (
+            linear.covariances(found.noise)[-1] + geometry @ found.covariance @ geometry.T
+            + capture + start @ (0.5 * math.pi / 20.0 * capture) @ start.T)
+        scores.append(error @ np.linalg.solve(covariance, error) / 3.0)
+    return float(np.mean(scores))
