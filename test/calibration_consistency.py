@@ -80,7 +80,8 @@ def z_scores(seed: int) -> Array:
         np.array([0.30, 0.05, 0.05]) * (1.0 + random.normal(size=3) * [0.01, 0.003, 0.003])))
     marker = random.normal(size=3) * [0.02, 0.02, 0.1]
     found = calibrate(
-        [simulated_drive(name, truth, NOISE, marker, random) for name in SHAPES], NOMINAL)
+        [simulated_drive(name, truth, NOISE, marker, random) for name in SHAPES], NOMINAL,
+        keep_all=True)
     errors = [
         found.drive.wheel_separation - truth.wheel_separation,
         found.drive.left_wheel_radius - truth.left_wheel_radius,
