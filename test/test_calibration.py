@@ -160,5 +160,3 @@ def test_no_drive_and_a_standing_robot_are_refused():
     tiny = replace(short, left=short.left * 1e-6, right=short.right * 1e-6)
     with pytest.raises(CalibrationError, match='too short'):
         calibrate([tiny], NOMINAL)
-
-
