@@ -5,22 +5,26 @@ Starts simulator and odometry as processes, drives a path by cmd_vel, and compar
 ground_truth. Exits with 0 only if the path was driven and the odometry was right.
 """
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 import importlib.util
 import math
 import os
 from pathlib import Path
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 from typing import TYPE_CHECKING
 
 from diffdrive_ros import plots, se2
 from diffdrive_ros.arguments import Array
 from diffdrive_ros.driver_node import DriverNode
+from diffdrive_ros.robot_processes import (
+    RobotEndedError,
+    RobotProcesses,
+    running_robot,
+    used_topics,
+)
 from diffdrive_ros.spinning import STOP_SIGNALS
 import numpy as np
 import rclpy
@@ -37,9 +41,6 @@ PATHS: dict[str, tuple[tuple[float, float, float], ...]] = {
     'eight': ((0.4, 1.0, 2.0 * math.pi), (0.4, -1.0, 2.0 * math.pi)),
 }
 
-ROBOT = ('wheel_separation:=0.160', 'wheel_radius:=0.033')
-FLOOR = ('slip:=0.01', 'travel_noise:=0.001', 'seed:=1')
-
 WORST_POSITION = 0.15  # [m]
 WORST_HEADING = 0.15  # [rad]
 WORST_COURSE = 0.5  # [m] from the planned end to the true one
@@ -54,51 +55,10 @@ class DemoError(Exception):
     """The path was not driven, or the odometry was wrong; the message says what happened."""
 
 
-class Robot:
-    """The processes simulator and odometry; what they print is kept for when they fail."""
-
-    def __init__(self) -> None:
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed in stop
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
-
-    def start(self) -> None:
-        """Start the processes."""
-        self._processes['simulator'] = self._start('simulator_node', *ROBOT, *FLOOR)
-        self._processes['odometry'] = self._start('odometry_node', *ROBOT)
-
-    def check(self) -> None:
-        """Raise DemoError if one of the processes has ended."""
-        for name, process in self._processes.items():
-            if process.poll() is not None:
-                self._said.seek(0)
-                said = self._said.read().decode(errors='replace').strip()
-                raise DemoError(f'{name} ended with {process.returncode}\n{said}'.strip())
-
-    def stop(self) -> None:
-        """End the processes that still run; nothing interrupts that."""
-        for each in STOP_SIGNALS:
-            signal.signal(each, signal.SIG_IGN)
-        for process in self._processes.values():
-            process.send_signal(signal.SIGINT)
-        for process in self._processes.values():
-            try:
-                process.wait(timeout=2.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        self._said.close()
-
-    def _start(self, module: str, *settings: str) -> 'subprocess.Popen[bytes]':
-        ros_arguments = [word for setting in settings for word in ('-p', setting)]
-        return subprocess.Popen(
-            [sys.executable, '-m', f'diffdrive_ros.{module}', '--ros-args', *ros_arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said)
-
-
 class Drive:
     """One drive: the driver, the robot, and where the drive is shown."""
 
-    def __init__(self, driver: DriverNode, robot: Robot, console: 'Console') -> None:
+    def __init__(self, driver: DriverNode, robot: RobotProcesses, console: 'Console') -> None:
         self._driver, self._robot, self._console = driver, robot, console
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(driver)
@@ -208,7 +168,7 @@ def run(path: str, picture: Path, keep_running: bool) -> None:
     driver = DriverNode()
     try:
         time.sleep(1.0)  # for the discovery of those who are here already
-        if topics := driver.used_topics():
+        if topics := used_topics(driver):
             raise DemoError(
                 f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
                 'another domain')
@@ -223,17 +183,6 @@ def run(path: str, picture: Path, keep_running: bool) -> None:
                 drive.stay()
     finally:
         rclpy.try_shutdown()
-
-
-@contextmanager
-def running_robot() -> Iterator[Robot]:
-    """Start a robot; stop it in the end, whatever happened."""
-    robot = Robot()
-    try:
-        robot.start()
-        yield robot
-    finally:
-        robot.stop()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -257,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         signal.signal(each, signal.default_int_handler)
     try:
         run(options.path, options.output, options.keep_running)
-    except DemoError as failure:
+    except (DemoError, RobotEndedError) as failure:
         sys.exit(f'demo: {failure}')
     except KeyboardInterrupt:
         sys.exit('demo: interrupted')

@@ -10,8 +10,6 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-TOPICS = ('cmd_vel', 'wheel_commands', 'joint_states', 'odom', 'ground_truth')
-
 
 class DriverNode(Node):
     """A driver who writes down every pose, by its stamp [ns]."""
@@ -27,13 +25,6 @@ class DriverNode(Node):
         self.create_subscription(Odometry, 'odom', self._on_odometry, 50)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, 50)
         self.create_subscription(JointState, 'joint_states', self._on_joint_states, 50)
-
-    def used_topics(self) -> list[str]:
-        """Return the topics of the demo on which somebody else is."""
-        return [topic for topic in TOPICS if any(
-            end.node_name != self.get_name() for end in (
-                *self.get_publishers_info_by_topic(topic),
-                *self.get_subscriptions_info_by_topic(topic)))]
 
     def is_ready(self) -> bool:
         """Return whether the robot listens to commands and both poses are heard."""
