@@ -27,6 +27,13 @@ CORE = {
     'wire': {'arguments', 'se2', 'kinematics', 'odometry'},
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
+    # What the dashboard decides, without ROS and without a browser.
+    'pilot': set(),
+    'steering': {'pilot'},
+    'track': set(),
+    'ellipse': set(),
+    'kinematics_text': {'arguments', 'se2', 'kinematics'},
+    'web_guard': set(),
 }
 # The tools for logs, which may need these besides; the core may need none of it.
 OFFLINE = {

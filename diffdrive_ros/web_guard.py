@@ -1,0 +1,115 @@
+"""
+Who may talk to the page: nobody from another origin, and from another machine with a token only.
+
+An ASGI middleware in front of everything, the web socket included: a page of somebody else's that
+is open in the same browser must be able neither to drive the robot nor to look at it.
+"""
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+import secrets
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+COOKIE = 'diffdrive_token'
+
+
+class WebGuard:
+    """Refuses with 403; token is None where only this machine can reach the server."""
+
+    def __init__(self, app: App, token: str | None) -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand on what may pass."""
+        if scope['type'] not in ('http', 'websocket'):
+            await self._app(scope, receive, send)
+            return
+        headers = {key.decode('latin-1'): value.decode('latin-1')
+                   for key, value in scope['headers']}
+        reason = refusal(
+            headers, is_socket=scope['type'] == 'websocket', needs_loopback=self._token is None)
+        if reason:
+            await refuse(scope, receive, send, reason)
+        elif self._token is None or self._is_known(headers.get('cookie', '')):
+            await self._app(scope, receive, _unframed(send))
+        elif scope['type'] == 'http' and self._brings_token(scope):
+            await self._let_in(send)
+        else:
+            await refuse(scope, receive, send, 'open the address that was printed at start')
+
+    def _is_known(self, cookies: str) -> bool:
+        try:
+            morsel = SimpleCookie(cookies).get(COOKIE)
+        except CookieError:
+            return False
+        return morsel is not None and self._is_token(morsel.value)
+
+    def _brings_token(self, scope: Scope) -> bool:
+        given = parse_qs(scope['query_string'].decode('latin-1')).get('token', [''])[0]
+        return self._is_token(given)
+
+    def _is_token(self, given: str) -> bool:
+        return self._token is not None and secrets.compare_digest(
+            given.encode(), self._token.encode())
+
+    async def _let_in(self, send: Send) -> None:
+        """Turn the token of the address into a cookie, so that no history or picture shows it."""
+        cookie = f'{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/'
+        await send({'type': 'http.response.start', 'status': 303, 'headers': [
+            (b'location', b'/'), (b'set-cookie', cookie.encode()),
+            (b'referrer-policy', b'no-referrer')]})
+        await send({'type': 'http.response.body', 'body': b''})
+
+
+def refusal(headers: MutableMapping[str, str], *, is_socket: bool, needs_loopback: bool) -> str:
+    """Return why a request is refused, or nothing if its origin is the page itself."""
+    host, origin = headers.get('host', ''), headers.get('origin')
+    # A name of somebody else's that was made to point here is refused by its Host.
+    if needs_loopback and _name_of(f'//{host}') not in LOOPBACK:
+        return f'host {host!r} is not this machine'
+    if origin is None:
+        return 'a socket needs an origin' if is_socket else ''
+    if _is_web(origin) and urlsplit(origin).netloc == host:
+        return ''
+    return f'origin {origin!r} is not this page'
+
+
+def _name_of(address: str) -> str | None:
+    try:
+        return urlsplit(address).hostname
+    except ValueError:
+        return None
+
+
+def _is_web(origin: str) -> bool:
+    return _name_of(origin) is not None and urlsplit(origin).scheme in ('http', 'https')
+
+
+async def refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> None:
+    """Answer 403; a socket is closed before it was opened, which servers turn into the same."""
+    if scope['type'] == 'websocket':
+        await receive()
+        await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
+        return
+    await send({'type': 'http.response.start', 'status': 403, 'headers': [
+        (b'content-type', b'text/plain; charset=utf-8')]})
+    await send({'type': 'http.response.body', 'body': f'refused: {reason}\n'.encode()})
+
+
+def _unframed(send: Send) -> Send:
+    """Forbid other pages to show this one within them, under somebody's pointer."""
+    extra: Iterable[tuple[bytes, bytes]] = (
+        (b'content-security-policy', b"frame-ancestors 'none'"), (b'x-frame-options', b'DENY'))
+
+    async def send_with_headers(message: Any) -> None:
+        if message['type'] == 'http.response.start':
+            message = {**message, 'headers': [*message.get('headers', []), *extra]}
+        await send(message)
+
+    return send_with_headers
