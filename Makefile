@@ -3,13 +3,16 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo example lint test colcon consistency mutants fuzz soak bench clean
+.PHONY: help demo dashboard example lint test colcon consistency mutants fuzz soak bench clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
 
 demo:  ## drive a simulated robot: make demo ARGS='--path circle'
 	@.ci/environment demo demo $(ARGS)
+
+dashboard:  ## see and drive a simulated robot in the browser: make dashboard ARGS='--port 8081'
+	@.ci/environment dashboard dashboard --simulate $(ARGS)
 
 lint:  ## ruff, mypy, ament_flake8, ament_pep257
 	@.ci/environment test .ci/lint

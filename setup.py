@@ -23,7 +23,7 @@ setup(
     ],
     python_requires='>=3.10',
     packages=[name],
-    package_data={name: ['py.typed']},
+    package_data={name: ['py.typed', 'dashboard.css', 'dashboard.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
@@ -32,12 +32,14 @@ setup(
     # ROS itself is no requirement here: on a robot it is not pip's to install.
     install_requires=['numpy'],
     extras_require={
+        'dashboard': ['nicegui~=3.18'],
         'demo': ['matplotlib', 'rich'],
         # What the tools for logs need, and the node does not.
         'offline': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy'],
         # colcon runs pytest because it finds it here. The linters keep to one minor version,
         # so that a new release of theirs fails nobody's build.
         'test': [
+            'axe-playwright-python',
             'flake8',
             'flake8-builtins',
             'flake8-class-newline',
@@ -47,6 +49,7 @@ setup(
             'flake8-quotes',
             'hypothesis',
             'mypy~=2.4.1',
+            'playwright',
             'pydocstyle',
             'pytest',
             'pytest-xdist',
@@ -61,6 +64,7 @@ setup(
     entry_points={
         'console_scripts': [
             'calibrate = diffdrive_ros.calibrate:main',
+            'dashboard = diffdrive_ros.dashboard:main',
             'demo = diffdrive_ros.demo:main',
             'odometry = diffdrive_ros.odometry_node:main',
             'replay = diffdrive_ros.replay:main',

@@ -32,6 +32,7 @@ class _Seat:
 
     number: int = -1
     is_armed: bool = False
+    complaint: str = ''
 
 
 class Pilot:
@@ -48,8 +49,6 @@ class Pilot:
         """The page that drives."""
         self.is_stopped = False
         """Whether somebody pressed stop; nothing is driven until resume."""
-        self.complaint = ''
-        """Why the driver was stopped, for a person to read."""
         self._seats: dict[str, _Seat] = {}
         self._moving_since: float | None = None
 
@@ -58,9 +57,9 @@ class Pilot:
         """Return whether the last twist was no stop."""
         return self._moving_since is not None
 
-    def is_armed(self, page: str) -> bool:
-        """Return whether the controls of a page were at rest, so that the next touch counts."""
-        return page in self._seats and self._seats[page].is_armed
+    def complaint(self, page: str) -> str:
+        """Return why what a page asked for was not driven, or no longer, for a person to read."""
+        return self._seats[page].complaint if page in self._seats else ''
 
     def beat(self, page: str, beat: Beat, now: float) -> Twist | None:
         """Take a beat of a page."""
@@ -80,7 +79,7 @@ class Pilot:
             self.driver = page
         if page != self.driver or not seat.is_armed or self.is_stopped:
             return None
-        self.complaint = ''
+        seat.complaint = ''
         self._moving_since = now
         return beat.twist
 
@@ -94,7 +93,7 @@ class Pilot:
     def take(self, page: str) -> Twist | None:
         """Give the wheel to a page, whoever has it."""
         self._seats.setdefault(page, _Seat()).is_armed = False
-        self.driver, self.complaint = page, ''
+        self.driver = page
         return self._halt()
 
     def leave(self, page: str) -> Twist | None:
@@ -119,10 +118,8 @@ class Pilot:
 
     def _trip(self, page: str, complaint: str) -> Twist | None:
         self._seats[page].is_armed = False
-        if page != self.driver:
-            return None
-        self.complaint = complaint
-        return self._halt()
+        self._seats[page].complaint = complaint
+        return self._halt() if page == self.driver else None
 
     def _halt(self) -> Twist | None:
         if self._moving_since is None:

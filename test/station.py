@@ -28,10 +28,10 @@ GEOMETRY = {
 class Station:
     """A node with an executor of its own in a thread; what it hears is kept in lists."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, name: str = 'station') -> None:
         self.context = Context()
         self.context.init(domain_id=domain)
-        self.node = Node('station', context=self.context)
+        self.node = Node(name, context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin)

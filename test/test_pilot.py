@@ -54,9 +54,9 @@ def test_silence_stops_once_and_motion_needs_a_new_touch(hands):
     assert hands.pilot.watch(hands.now) == STOP
     assert hands.pilot.watch(hands.now) is None
     assert hands.beat('a', AHEAD) is None
-    assert hands.pilot.complaint
+    assert hands.pilot.complaint('a')
     hands.drive()
-    assert not hands.pilot.complaint
+    assert not hands.pilot.complaint('a')
 
 
 def test_beats_that_come_keep_the_robot_in_motion(hands):
@@ -172,3 +172,10 @@ def test_whatever_happens_a_moving_robot_was_asked_to_by_its_driver_just_now(eve
                 moving = False
         assert moving == hands.pilot.is_moving
         assert not moving or hands.now - beat_at <= LONGEST_SILENCE
+
+
+def test_who_was_too_slow_to_get_the_wheel_is_told_so(hands):
+    hands.beat('a', STOP)
+    assert hands.beat('a', AHEAD, seen=2.0 * OLDEST_SIGHT) is None
+    assert hands.pilot.complaint('a')
+    assert not hands.pilot.complaint('b')

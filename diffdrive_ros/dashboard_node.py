@@ -1,0 +1,218 @@
+"""The dashboard's ear and hand on ROS: what it hears is kept raw and opened when it is drawn."""
+import asyncio
+from collections.abc import Sequence
+import math
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diffdrive_ros import spinning
+from diffdrive_ros.pilot import Twist as PilotTwist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+# Best effort: the node that is watched has nobody more to wait for or to send to again.
+WATCHING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+NEWEST_ONLY = QoSProfile(depth=1)
+
+LONGEST_ANSWER = 3.0  # [s] that a service may take
+LONGEST_LAST_WORD = 0.5  # [s] to wait until the last stop was heard
+SIMULATOR = 'simulator'
+LOOKERS = '_ros2cli'  # how the names of ros2 topic echo and its like begin
+
+SERVICES = {
+    'reset_odometry': Trigger, 'enable': SetBool, 'list_parameters': ListParameters,
+    'describe_parameters': DescribeParameters, 'get_parameters': GetParameters,
+    'set_parameters': SetParameters}
+
+
+class NoAnswerError(Exception):
+    """A service did not answer; the message says which."""
+
+
+class Heard:
+    """The newest message of a topic, opened when somebody asks for it."""
+
+    def __init__(self, node: Node, kind: type, topic: str) -> None:
+        self._kind = kind
+        self._raw: bytes | None = None
+        self._opened: tuple[bytes, Any] | None = None
+        self._at = -math.inf
+        self.subscription = node.create_subscription(
+            kind, topic, self._take, WATCHING, raw=True)
+
+    @property
+    def age(self) -> float:
+        """Return how long ago it came [s]."""
+        return time.monotonic() - self._at
+
+    @property
+    def message(self) -> Any:
+        """Return the message, or None if none has come."""
+        raw = self._raw
+        if raw is not None and (self._opened is None or self._opened[0] is not raw):
+            self._opened = raw, deserialize_message(raw, self._kind)
+        return self._opened and self._opened[1]
+
+    def _take(self, raw: bytes) -> None:
+        self._raw, self._at = raw, time.monotonic()
+
+
+class DashboardNode(Node):
+    """
+    Hears the robot, and commands it when the page says so.
+
+    odometry is the name of the node that is shown. Its methods may be called from another thread
+    than the one that spins.
+    """
+
+    def __init__(self, odometry: str = 'odometry', **kwargs: Any) -> None:
+        super().__init__('dashboard', **kwargs)
+        self._watched = odometry
+        self.odom = Heard(self, Odometry, 'odom')
+        self.truth = Heard(self, Odometry, 'ground_truth')
+        self.joints = Heard(self, JointState, 'joint_states')
+        self.applied = Heard(self, TwistStamped, f'{odometry}/cmd_vel_out')
+        self.diagnostics: dict[str, tuple[float, Any]] = {}
+        self.parameters_changed_at = 0.0
+        self.commands: Heard | None = None
+        self.is_stamped = False
+        self._commander: Any = None
+        self._set_pose = self.create_publisher(
+            PoseWithCovarianceStamped, f'{odometry}/set_pose', QoSProfile(depth=10))
+        self.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
+        self.create_subscription(
+            ParameterEvent, '/parameter_events', self._on_parameters, QoSProfile(depth=100))
+        self._clients_of = {
+            name: self.create_client(kind, f'{odometry}/{name}')
+            for name, kind in SERVICES.items()}
+
+    def prepare(self, is_stamped: bool) -> None:
+        """Choose the form of commands, so that the first one finds its listener known."""
+        if self._commander and is_stamped == self.is_stamped:
+            return
+        if self._commander:
+            self.destroy_publisher(self._commander)
+        if self.commands:
+            self.destroy_subscription(self.commands.subscription)
+        kind = TwistStamped if is_stamped else Twist
+        self.is_stamped = is_stamped
+        self._commander = self.create_publisher(kind, 'cmd_vel', NEWEST_ONLY)
+        self.commands = Heard(self, kind, 'cmd_vel')
+
+    @property
+    def commanded(self) -> PilotTwist | None:
+        """Return the newest command, whoever gave it."""
+        if self.commands is None or self.commands.message is None:
+            return None
+        message = self.commands.message
+        twist = message.twist if self.is_stamped else message
+        return twist.linear.x, twist.angular.z
+
+    def command(self, twist: PilotTwist) -> None:
+        """Publish a command, once."""
+        if self._commander is None:
+            self.prepare(self.is_stamped)
+        message = TwistStamped() if self.is_stamped else Twist()
+        plain = message
+        if self.is_stamped:
+            message.header.stamp = self.get_clock().now().to_msg()
+            plain = message.twist
+        plain.linear.x, plain.angular.z = map(float, twist)
+        self._commander.publish(message)
+
+    def last_words(self) -> None:
+        """Wait until a stop that was sent is heard."""
+        if self._commander:
+            self._commander.wait_for_all_acked(Duration(seconds=LONGEST_LAST_WORD))
+
+    def set_pose(self, x: float, y: float, theta: float, frame: str) -> None:
+        """Ask odometry to be at a pose; it keeps its own word on the covariance."""
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id = frame
+        message.header.stamp = self.get_clock().now().to_msg()
+        pose = message.pose.pose
+        pose.position.x, pose.position.y = float(x), float(y)
+        pose.orientation.z, pose.orientation.w = math.sin(theta / 2.0), math.cos(theta / 2.0)
+        self._set_pose.publish(message)
+
+    async def ask(self, service: str, request: Any) -> Any:
+        """Return the answer of a service of odometry; raises NoAnswerError."""
+        client = self._clients_of[service]
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + LONGEST_ANSWER
+        while not client.service_is_ready():
+            if loop.time() > deadline:
+                raise NoAnswerError(f'{client.srv_name} is not there: does odometry run?')
+            await asyncio.sleep(0.05)
+        answered: asyncio.Future[Any] = loop.create_future()
+
+        def pass_on(future: Any) -> None:
+            loop.call_soon_threadsafe(finish, future.result())
+
+        def finish(result: Any) -> None:
+            if not answered.done():
+                answered.set_result(result)
+
+        pending = client.call_async(request)
+        pending.add_done_callback(pass_on)
+        try:
+            return await asyncio.wait_for(answered, LONGEST_ANSWER)
+        except asyncio.TimeoutError:
+            client.remove_pending_request(pending)
+            raise NoAnswerError(f'{client.srv_name} does not answer') from None
+
+    def is_simulated(self) -> bool:
+        """Return whether nothing but a simulator would move: what listens is it, and odometry."""
+        drivers = self._listeners('wheel_commands')
+        return drivers == {SIMULATOR} and self._listeners('cmd_vel') == {
+            self._watched.rpartition('/')[2]}
+
+    def other_commanders(self) -> Sequence[str]:
+        """Return who else publishes on cmd_vel."""
+        return sorted(end.node_name for end in self.get_publishers_info_by_topic('cmd_vel')
+                      if end.node_name != self.get_name())
+
+    def _listeners(self, topic: str) -> set[str]:
+        return {end.node_name for end in self.get_subscriptions_info_by_topic(topic)
+                if end.node_name != self.get_name() and not end.node_name.startswith(LOOKERS)}
+
+    def _on_diagnostics(self, message: Any) -> None:
+        now = time.monotonic()
+        for status in message.status:
+            self.diagnostics[status.name] = now, status
+
+    def _on_parameters(self, message: Any) -> None:
+        if message.node.rpartition('/')[2] == self._watched.rpartition('/')[2]:
+            self.parameters_changed_at = time.monotonic()
+
+
+class Spinner:
+    """Spins a node in a thread of its own until it is closed."""
+
+    def __init__(self, node: Node) -> None:
+        self._executor = spinning.make_executor()
+        self._executor.add_node(node)
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name='ros')
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, and wait for it."""
+        self._ends.set()
+        self._executor.wake()
+        self._thread.join()
+
+    def _spin(self) -> None:
+        while not self._ends.is_set():
+            self._executor.spin_once(timeout_sec=0.5)

@@ -1,0 +1,201 @@
+"""The panels beside the map: the equations with their numbers, parameters, diagnostics."""
+from collections.abc import Sequence
+import math
+import time
+from typing import Any, Protocol
+
+from diffdrive_ros import kinematics_text
+from diffdrive_ros.dashboard_node import NoAnswerError
+from diffdrive_ros.dashboard_robot import DashboardRobot, DIAGNOSTICS_SILENT
+from diffdrive_ros.dashboard_view import View
+from diffdrive_ros.remote_parameters import RemoteParameter
+from nicegui import ui
+from rcl_interfaces.msg import ParameterType
+
+LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+
+
+class Hands(Protocol):
+    """What a panel needs of its page."""
+
+    def set_pose(self, pose: Any) -> None:
+        """Set odometry to a pose, if the page may."""
+
+    def draw_touch(self, pose: Any, wheels: Any) -> None:
+        """Draw a pose and wheel speeds in place of those of the robot."""
+
+    def forget_touch(self) -> None:
+        """Draw the robot as it is."""
+
+    def refuses(self) -> bool:
+        """Return whether the page may change nothing now, and say so if that is so."""
+
+    async def attempt(self, work: Any) -> bool:
+        """Wait for a service; say what it answers, or that it does not."""
+
+
+class KinematicsPanel:
+    """The numbers of the robot, or of what a hand makes of it."""
+
+    def __init__(self, page: Hands, robot: DashboardRobot) -> None:
+        self._page, self._robot = page, robot
+        self._pose: Sequence[float] | None = None
+        self._touched_at = 0.0
+        self.wheels: tuple[float, float] = (0.0, 0.0)
+        self._are_wheels_touched = False
+        self._source = ui.label().classes('text-sm quiet')
+        self._text = ui.label().classes('numbers')
+        with ui.row().classes('gap-2 items-end pt-2'):
+            self._x, self._y, self._theta = (
+                ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
+                for name, step in (('x [m]', 0.1), ('y [m]', 0.1), ('θ [rad]', 0.1)))
+            ui.button('Set pose', on_click=self._on_set).props('no-caps dense')
+            ui.button('Reset odometry', on_click=self._on_reset).props('no-caps dense outline')
+        with ui.row().classes('gap-2 items-end pt-1'):
+            self._left, self._right = (
+                ui.number(name, value=0.0, format='%.2f', step=0.5, on_change=self._on_speeds
+                          ).props('dense').classes('w-32')
+                for name in ('left wheel [rad/s]', 'right wheel [rad/s]'))
+            View('hold', 'Hold to drive')
+            ui.button('Live', on_click=self._forget).props('no-caps dense outline')
+
+    def touch(self, pose: Any, wheels: Any) -> None:
+        """Take what is being dragged on the map."""
+        if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
+            self._pose, self._touched_at = pose, time.monotonic()
+        if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
+            self._take_wheels(*map(float, wheels))
+            self._left.set_value(round(self.wheels[0], 2))
+            self._right.set_value(round(self.wheels[1], 2))
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Renew the numbers."""
+        if time.monotonic() - self._touched_at > 1.0:
+            self._pose = None
+        pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
+        speeds = self.wheels if self._are_wheels_touched else self._robot.wheels
+        self._source.set_text(
+            'As you touch it' if self._pose or self._are_wheels_touched else 'As it is now')
+        self._text.set_text(kinematics_text.equations(self._robot.drive, pose, speeds))
+
+    def _take_wheels(self, left: float, right: float) -> None:
+        self.wheels, self._are_wheels_touched = (left, right), True
+
+    def _on_speeds(self) -> None:
+        left, right = self._left.value or 0.0, self._right.value or 0.0
+        if (left, right) == (round(self.wheels[0], 2), round(self.wheels[1], 2)):
+            return  # the map's own, come back rounded
+        self._take_wheels(left, right)
+        self._page.draw_touch(None, self.wheels)
+
+    def _on_set(self) -> None:
+        self._page.set_pose([field.value or 0.0 for field in (self._x, self._y, self._theta)])
+
+    async def _on_reset(self) -> None:
+        if not self._page.refuses():
+            await self._page.attempt(self._robot.reset())
+
+    def _forget(self) -> None:
+        self._pose, self._are_wheels_touched = None, False
+        self.wheels = (0.0, 0.0)
+        self._left.set_value(0.0)
+        self._right.set_value(0.0)
+        self._are_wheels_touched = False
+        self._page.forget_touch()
+
+
+class ParametersPanel:
+    """The live parameters, each with its description, its rule and the node's word on it."""
+
+    def __init__(self, page: Hands, robot: DashboardRobot) -> None:
+        self._page, self._robot = page, robot
+        self._shown: list[RemoteParameter] = []
+        self._names: tuple[str, ...] = ()
+        self._fields: dict[str, Any] = {}
+        self._answers: dict[str, ui.label] = {}
+        self._list = ui.column().classes('w-full gap-3')
+
+    def refresh(self) -> None:
+        """Follow the node."""
+        live = [each for each in self._robot.parameters if each.is_live]
+        if live == self._shown or repr(live) == repr(self._shown):
+            return
+        self._shown = live
+        names = tuple(each.name for each in live)
+        if names != self._names:
+            self._names = names
+            self._build()
+        for each in live:
+            self._fields[each.name].set_value(each.text)
+
+    def _build(self) -> None:
+        self._list.clear()
+        self._fields.clear()
+        with self._list:
+            for each in self._shown:
+                self._build_one(each)
+
+    def _build_one(self, parameter: RemoteParameter) -> None:
+        name = parameter.name
+        with ui.column().classes('w-full gap-0'):
+            with ui.row().classes('w-full items-center no-wrap gap-2'):
+                if parameter.kind == ParameterType.PARAMETER_BOOL:
+                    field: Any = ui.select(
+                        ['True', 'False'], label=name, value=parameter.text)
+                else:
+                    field = ui.input(name, value=parameter.text)
+                field.props('dense outlined').classes('grow')
+                self._fields[name] = field
+                ui.button('Set', on_click=lambda: self._set(name)).props(
+                    f'no-caps dense aria-label="Set {name}"')
+            ui.label(f'{parameter.description} {parameter.rule}'.strip()).classes(
+                'text-sm quiet')
+            self._answers[name] = ui.label().classes('text-sm font-bold').props('role=status')
+        if isinstance(field, ui.input):
+            field.on('keydown.enter', lambda: self._set(name))
+
+    async def _set(self, name: str) -> None:
+        if self._page.refuses():
+            return
+        try:
+            reason = await self._robot.set_parameter(name, str(self._fields[name].value))
+        except NoAnswerError as error:
+            reason = str(error)
+        self._answers[name].set_text(f'Refused: {reason}' if reason else 'Set')
+
+
+class DiagnosticsPanel:
+    """What the nodes say of themselves."""
+
+    def __init__(self, robot: DashboardRobot) -> None:
+        self._robot = robot
+        self._shown = ''
+        self._list = ui.column().classes('w-full gap-2')
+
+    def refresh(self) -> None:
+        """Renew what has changed."""
+        now = time.monotonic()
+        lines = []
+        for name, (heard_at, status) in sorted(self._robot.node.diagnostics.items()):
+            is_old = now - heard_at > DIAGNOSTICS_SILENT
+            level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
+            lines.append((level, name, status.message, tuple(
+                (each.key, each.value) for each in status.values)))
+        if repr(lines) == self._shown:
+            return
+        self._shown = repr(lines)
+        self._list.clear()
+        with self._list:
+            if not lines:
+                ui.label('Nothing on /diagnostics yet')
+            for level, name, message, values in lines:
+                self._build_one(level, name, message, values)
+
+    def _build_one(
+        self, level: str, name: str, message: str, values: Sequence[tuple[str, str]],
+    ) -> None:
+        with ui.column().classes('w-full gap-0'):
+            ui.label(f'{level}  {name}: {message}').classes('font-bold')
+            ui.label('   '.join(f'{key} {value}' for key, value in values)).classes(
+                'text-sm quiet')

@@ -1,0 +1,133 @@
+"""The server of the page: its guard, and the beat in which robot and pages are kept."""
+import asyncio
+from collections.abc import Awaitable, Callable
+import logging
+import time
+from urllib.parse import quote
+
+from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError, Spinner
+from diffdrive_ros.dashboard_page import Page
+from diffdrive_ros.dashboard_robot import DashboardRobot
+from diffdrive_ros.pilot import STOP
+from diffdrive_ros.robot_processes import RobotEndedError, RobotProcesses
+from diffdrive_ros.web_guard import WebGuard
+from nicegui import app, Client, ui
+
+WATCH, PICTURE, NUMBERS, SURROUNDINGS = 0.02, 0.05, 0.2, 1.0  # [s] between two of each
+RECONNECT = 3.0  # [s] after which a page that lost its connection is forgotten
+
+
+class Server:
+    """Keeps the robot and its pages until the server ends."""
+
+    def __init__(self, node: DashboardNode, processes: RobotProcesses | None) -> None:
+        self.failure: RobotEndedError | None = None
+        self._robot = DashboardRobot(node)
+        self._processes = processes
+        self._pages: dict[str, Page] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+        self._learned_at = 0.0
+
+    def start(self) -> None:
+        """Begin to keep them; in the loop of the server."""
+        for period, act in (
+                (WATCH, self._watch), (PICTURE, self._picture), (NUMBERS, self._numbers),
+                (SURROUNDINGS, self._surroundings)):
+            self._tasks.append(asyncio.get_running_loop().create_task(_every(period, act)))
+
+    def welcome(self, client: Client) -> None:
+        """Build the page of a browser."""
+        page = Page(self._robot, client.id)
+
+        def close() -> None:
+            page.close()
+            if not client.has_socket_connection:  # it may be back before its loss is noticed
+                self._pages.pop(client.id, None)
+
+        def join() -> None:
+            self._pages[client.id] = page
+
+        client.on_connect(join)
+        client.on_disconnect(close)
+        client.on_delete(close)
+
+    def close(self) -> None:
+        """Stop the robot if a page drives it."""
+        if self._robot.pilot.is_moving:
+            self._robot.publish(STOP)
+        self._robot.node.last_words()
+
+    async def _watch(self) -> None:
+        self._robot.publish(self._robot.pilot.watch(time.monotonic()))
+
+    async def _picture(self) -> None:
+        self._robot.look()
+        for page in list(self._pages.values()):
+            page.show(time.monotonic())
+
+    async def _numbers(self) -> None:
+        for page in list(self._pages.values()):
+            page.refresh()
+
+    async def _surroundings(self) -> None:
+        if self._processes:
+            try:
+                self._processes.check()
+            except RobotEndedError as error:
+                self.failure = error
+                app.shutdown()
+        self._robot.look_around()
+        if self._learned_at <= self._robot.node.parameters_changed_at:
+            before = time.monotonic()
+            await self._robot.learn()
+            self._learned_at = before
+
+
+async def _every(period: float, act: Callable[[], Awaitable[None]]) -> None:
+    """Do something again and again; what goes wrong with it is said, and it goes on."""
+    said = ''
+    while True:
+        due = time.monotonic() + period
+        try:
+            await act()
+        except NoAnswerError as error:
+            logging.getLogger('dashboard').debug('%s', error)
+        except Exception as error:  # the watch over the robot must not end
+            if str(error) != said:
+                logging.getLogger('dashboard').exception('%s', act.__name__)
+            said = str(error)
+        await asyncio.sleep(max(0.001, due - time.monotonic()))
+
+
+def serve(
+    node: DashboardNode, host: str, port: int, token: str | None,
+    processes: RobotProcesses | None,
+) -> None:
+    """Serve the page of a node until a signal comes; raises RobotEndedError."""
+    server = Server(node, processes)
+    app.add_middleware(WebGuard, token=token)
+    app.on_startup(server.start)
+    app.config.quasar_config['loadingBar']['skipHijack'] = True  # it is nothing that loads
+
+    @ui.page('/', title='diffdrive_ros', language='en-US', reconnect_timeout=RECONNECT)
+    def build(client: Client) -> None:
+        server.welcome(client)
+
+    app.on_startup(lambda: print(f'dashboard: {address(host, port, token)}', flush=True))
+    spinner = Spinner(node)
+    try:
+        ui.run(
+            host=host, port=port, reload=False, show=False, show_welcome_message=False,
+            dark=None, message_history_length=0, reconnect_timeout=RECONNECT,
+            timeout_graceful_shutdown=1)
+    finally:
+        server.close()
+        spinner.close()
+    if server.failure:
+        raise server.failure
+
+
+def address(host: str, port: int, token: str | None) -> str:
+    """Return what to open in a browser."""
+    name = f'[{host}]' if ':' in host else host
+    return f'http://{name}:{port}/' + (f'?token={quote(token)}' if token else '')
