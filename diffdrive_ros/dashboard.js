@@ -128,11 +128,12 @@ const limit = {
   },
 };
 
+const SCALE = 200; // [px/m] at first
 const HANDLE = 22; // [px] around a handle that still touches it
 const SPEED = 5; // [px] of a wheel's arrow for 1 rad/s
 const chart = {
   start() {
-    this.view = { x: 0, y: 0, scale: 120 }; // [m], [m], [px/m]
+    this.view = { x: 0, y: 0, scale: SCALE }; // [m], [m], [px/m]
     this.follows = true;
     this.tracks = { odom: [], truth: [] };
     this.touched = null;
@@ -169,7 +170,7 @@ const chart = {
   },
   fit() {
     this.follows = true;
-    this.view.scale = 120;
+    this.view.scale = SCALE;
     this.ask();
   },
   wheel(event) {

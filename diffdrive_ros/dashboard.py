@@ -45,8 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         import nicegui  # noqa: F401, asked for here so that its absence is said in one line
     except ImportError:
         sys.exit('dashboard: nicegui is not installed: pip install nicegui')
-    for each in STOP_SIGNALS:
-        signal.signal(each, signal.default_int_handler)
+    catch_signals()
     try:
         run(options, arguments)
     except (DashboardError, RobotEndedError) as error:
@@ -55,6 +54,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f'dashboard: cannot start: {" ".join(str(error).split())}')
     except KeyboardInterrupt:
         sys.exit(0)
+
+
+def catch_signals() -> None:
+    """Let every signal that stops a robot end the dashboard in one way: the server's own."""
+    def end(number: int, frame: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    for each in STOP_SIGNALS:
+        if each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.default_int_handler)
+        elif signal.getsignal(each) != signal.SIG_IGN:  # as nohup asks
+            signal.signal(each, end)
 
 
 def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:

@@ -88,7 +88,7 @@ class Page:
     def _build(self) -> None:
         ui.add_css(STYLE)
         self._dark = ui.dark_mode(None)
-        ui.colors(primary='#0b57b7', positive='#1b5e20', negative='#a31515', warning='#ffd28a')
+        ui.colors(primary='#0b57b7', info='#0b57b7', negative='#a31515', warning='#ffd28a')
         with ui.header().classes('items-center gap-x-3 gap-y-1 py-2').style(
                 'background: #1b2733; color: #ffffff'):
             ui.label('diffdrive_ros').classes('text-lg font-bold').props(

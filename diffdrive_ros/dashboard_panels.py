@@ -118,7 +118,9 @@ class ParametersPanel:
 
     def refresh(self) -> None:
         """Follow the node."""
-        live = [each for each in self._robot.parameters if each.is_live]
+        live = sorted(  # the limits of the axes, which are many, last
+            (each for each in self._robot.parameters if each.is_live),
+            key=lambda each: ('.' in each.name, each.name))
         if live == self._shown or repr(live) == repr(self._shown):
             return
         self._shown = live
@@ -149,7 +151,8 @@ class ParametersPanel:
                 self._fields[name] = field
                 ui.button('Set', on_click=lambda: self._set(name)).props(
                     f'no-caps dense aria-label="Set {name}"')
-            ui.label(f'{parameter.description} {parameter.rule}'.strip()).classes(
+            rule = f'It {parameter.rule}.' if parameter.rule else ''
+            ui.label(f'{parameter.description} {rule}').classes(
                 'text-sm quiet')
             self._answers[name] = ui.label().classes('text-sm font-bold').props('role=status')
         if isinstance(field, ui.input):

@@ -108,7 +108,7 @@ class Pilot:
         """Stop, whoever asks for it and whoever drives, until resume."""
         self.is_stopped = True
         for seat in self._seats.values():
-            seat.is_armed = False
+            seat.is_armed, seat.complaint = False, ''
         self._halt()
         return STOP
 
