@@ -60,6 +60,7 @@ const pad = {
   },
   down(event) {
     if (event.code === 'Escape') {
+      if (document.querySelector('.q-dialog, .q-menu')) return this.rest(); // it closes that
       letGo();
       return this.$emit('halt');
     }

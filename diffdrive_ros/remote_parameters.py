@@ -73,7 +73,10 @@ def parse(kind: int, text: str) -> Any:
             raise ValueError('must be true or false')
         return ParameterValue(type=kind, bool_value=text.lower() == 'true')
     if kind == ParameterType.PARAMETER_INTEGER:
-        return ParameterValue(type=kind, integer_value=_number(int, text, 'an integer'))
+        value = _number(int, text, 'an integer')
+        if not -2**63 <= value < 2**63:
+            raise ValueError('must fit into 64 bits')
+        return ParameterValue(type=kind, integer_value=value)
     if kind == ParameterType.PARAMETER_DOUBLE:
         plain = text.lower().replace('.nan', 'nan').replace('.inf', 'inf')
         return ParameterValue(type=kind, double_value=_number(float, plain, 'a number'))

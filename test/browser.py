@@ -83,6 +83,11 @@ class Dashboard:
         connection.close()
         return answer.status, body
 
+    @property
+    def number(self) -> int:
+        """Return the number of the process."""
+        return self._process.pid
+
     def signal(self, number: signal.Signals) -> None:
         """Send a signal."""
         self._process.send_signal(number)

@@ -1,0 +1,114 @@
+"""The dashboard as a process, and what it makes of what a person writes; without a browser."""
+from collections.abc import Callable, Iterator
+import math
+import os
+from pathlib import Path
+import signal
+import socket
+
+from browser import Dashboard
+from diffdrive_ros.remote_parameters import parse
+import pytest
+from rcl_interfaces.msg import ParameterType
+from station import Station, twist, wait_until
+
+if not os.environ.get('CI'):
+    pytest.importorskip('nicegui', reason='nicegui is not installed')
+
+
+@pytest.fixture
+def start_page(domain: int) -> Iterator[Callable[..., Dashboard]]:
+    """Return a function that starts a dashboard."""
+    started = []
+
+    def start_dashboard(*arguments: str, port: int | None = None) -> Dashboard:
+        started.append(Dashboard(*arguments, port=port))
+        return started[-1]
+
+    yield start_dashboard
+    for dashboard in started:
+        dashboard.close()
+
+
+def test_a_port_that_is_used_is_said_in_one_line(start_page: Callable[..., Dashboard]) -> None:
+    """Before anything is started."""
+    with socket.create_server(('127.0.0.1', 0)) as other:
+        dashboard = start_page('--simulate', port=other.getsockname()[1])
+        assert dashboard.wait() == 1
+    assert dashboard.output.startswith('dashboard: cannot serve at 127.0.0.1 port')
+    assert dashboard.output.count('\n') == 1
+
+
+def test_an_argument_that_is_none_of_its_own_is_refused(
+        start_page: Callable[..., Dashboard]) -> None:
+    """As of every executable here."""
+    assert start_page('--fly').wait() == 2
+
+
+def test_it_brings_no_second_robot_to_topics_that_are_used(
+        station: Station, start_page: Callable[..., Dashboard]) -> None:
+    """Somebody listens to cmd_vel already: it may be a real one."""
+    station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
+    dashboard = start_page('--simulate')
+    assert dashboard.wait() == 1
+    assert 'somebody is on cmd_vel already' in dashboard.output
+
+
+@pytest.mark.parametrize('victim', ['simulator_node', 'odometry_node'])
+def test_a_process_of_its_robot_that_dies_ends_it_with_1(
+        start_page: Callable[..., Dashboard], victim: str) -> None:
+    """And is named."""
+    dashboard = start_page('--simulate')
+    dashboard.wait_until_it_serves()
+    wait_until(lambda: victim in children(dashboard.number))
+    os.kill(children(dashboard.number)[victim], signal.SIGKILL)
+    assert dashboard.wait() == 1
+    assert f'dashboard: {victim.removesuffix("_node")} ended with -9' in dashboard.output
+
+
+def children(number: int) -> dict[str, int]:
+    """Return the process numbers of what a process started, by the names of the modules."""
+    found = {}
+    for each in filter(str.isdigit, os.listdir('/proc')):
+        try:
+            parent = Path(f'/proc/{each}/stat').read_text().rsplit(')', 1)[1].split()[1]
+            words = Path(f'/proc/{each}/cmdline').read_bytes().split(b'\0')
+        except OSError:  # it ended meanwhile
+            continue
+        if int(parent) == number and len(words) > 2:
+            found[words[2].decode().removeprefix('diffdrive_ros.')] = int(each)
+    return found
+
+
+@pytest.mark.parametrize(('text', 'value'), [
+    ('1', 1.0), (' -2.5e-3 ', -2.5e-3), ('.inf', math.inf), ('-inf', -math.inf)])
+def test_a_number_is_taken_as_it_is_written(text: str, value: float) -> None:
+    """A whole one for a double too."""
+    assert parse(ParameterType.PARAMETER_DOUBLE, text).double_value == value
+
+
+@pytest.mark.parametrize('text', ['.nan', 'nan', 'NaN'])
+def test_not_a_number_is_a_value(text: str) -> None:
+    """It is what none is."""
+    assert math.isnan(parse(ParameterType.PARAMETER_DOUBLE, text).double_value)
+
+
+def test_other_types_are_taken_as_they_are_written() -> None:
+    """Truth, integers, texts."""
+    assert parse(ParameterType.PARAMETER_BOOL, 'True').bool_value is True
+    assert parse(ParameterType.PARAMETER_BOOL, 'false').bool_value is False
+    assert parse(ParameterType.PARAMETER_INTEGER, '-7').integer_value == -7
+    assert parse(ParameterType.PARAMETER_STRING, 'odom').string_value == 'odom'
+
+
+@pytest.mark.parametrize(('kind', 'text', 'rule'), [
+    (ParameterType.PARAMETER_DOUBLE, 'fast', 'must be a number'),
+    (ParameterType.PARAMETER_DOUBLE, '', 'must be a number'),
+    (ParameterType.PARAMETER_INTEGER, '1.5', 'must be an integer'),
+    (ParameterType.PARAMETER_INTEGER, str(2**63), 'must fit into 64 bits'),
+    (ParameterType.PARAMETER_BOOL, 'yes', 'must be true or false'),
+    (ParameterType.PARAMETER_DOUBLE_ARRAY, '[1.0]', 'lists cannot be set here')])
+def test_what_is_none_is_refused_with_the_rule(kind: int, text: str, rule: str) -> None:
+    """Before the node is asked."""
+    with pytest.raises(ValueError, match=rule):
+        parse(kind, text)
