@@ -8,10 +8,12 @@ const KEYS = {
   KeyW: 'forward', ArrowUp: 'forward', KeyS: 'backward', ArrowDown: 'backward',
   KeyA: 'left', ArrowLeft: 'left', KeyD: 'right', ArrowRight: 'right',
 };
-const hand = { keys: new Set(), stick: null, wheels: false, release: [] };
+// lost: it held something that was taken from it, which the driver has to be told.
+const hand = { keys: new Set(), stick: null, wheels: false, lost: false, release: [] };
 let sight = 0; // when the server sent the newest picture that was drawn here, on its clock
 
 function letGo() {
+  hand.lost ||= hand.keys.size > 0 || hand.stick !== null || hand.wheels;
   hand.keys.clear();
   hand.stick = null;
   hand.wheels = false;
@@ -56,12 +58,14 @@ const pad = {
     if (!window.socket?.connected || !window.did_handshake) return letGo();
     this.$emit('beat', {
       number: this.number++, sight, keys: [...hand.keys], stick: hand.stick,
-      wheels: hand.wheels, visible: document.visibilityState === 'visible' });
+      wheels: hand.wheels, lost: hand.lost, visible: document.visibilityState === 'visible' });
+    hand.lost = false;
   },
   down(event) {
     if (event.code === 'Escape') {
       if (document.querySelector('.q-dialog, .q-menu')) return this.rest(); // it closes that
       letGo();
+      hand.lost = false;
       return this.$emit('halt');
     }
     const key = KEYS[event.code];
@@ -99,7 +103,10 @@ const pad = {
     if (!was) this.beat();
   },
   drop(event) {
-    if (event.pointerId === this.pointer) this.rest();
+    if (event.pointerId !== this.pointer) return;
+    hand.stick = null;
+    this.center();
+    this.beat();
   },
   center() {
     this.pointer = null;

@@ -167,7 +167,7 @@ class Page:
         elif said.get('visible'):
             self._unseen = min(self._unseen, MOST_UNSEEN - 1)
         self._robot.publish(self._robot.pilot.beat(
-            self.identity, Beat(number, sight, twist), time.monotonic()))
+            self.identity, Beat(number, sight, twist, bool(said.get('lost'))), time.monotonic()))
 
     def _asked(self, said: Mapping[str, Any]) -> Twist:
         fastest = self._linear.value, self._angular.value

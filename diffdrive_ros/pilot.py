@@ -19,11 +19,16 @@ STOP: Twist = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class Beat:
-    """What a page asks for; number grows from beat to beat, sight is when its picture was sent."""
+    """
+    What a page asks for; number grows from beat to beat, sight is when its picture was sent.
+
+    lost: its controls were taken out of the driver's hands, who may hold them still.
+    """
 
     number: int
     sight: float
     twist: Twist
+    lost: bool = False
 
 
 @dataclass
@@ -67,6 +72,8 @@ class Pilot:
         if beat.number <= seat.number:  # came twice, or was overtaken
             return None
         seat.number = beat.number
+        if beat.lost:
+            seat.complaint = 'this page was left, or held up'
         if not all(map(math.isfinite, (*beat.twist, beat.sight))):
             return self._trip(page, 'a command that is not finite')
         if not 0.0 <= now - beat.sight <= OLDEST_SIGHT:

@@ -12,11 +12,11 @@ class Hands:
     def __init__(self) -> None:
         self.pilot, self.now, self._number = Pilot(), 100.0, 0
 
-    def beat(self, page, twist, *, seen=0.0, number=None):
+    def beat(self, page, twist, *, seen=0.0, number=None, lost=False):
         """Send a beat of a page whose picture is seen seconds old."""
         self._number += 1
         return self.pilot.beat(page, Beat(
-            self._number if number is None else number, self.now - seen, twist), self.now)
+            self._number if number is None else number, self.now - seen, twist, lost), self.now)
 
     def drive(self, page='a'):
         """Let a page drive that was at rest before."""
@@ -179,3 +179,12 @@ def test_who_was_too_slow_to_get_the_wheel_is_told_so(hands):
     assert hands.beat('a', AHEAD, seen=2.0 * OLDEST_SIGHT) is None
     assert hands.pilot.complaint('a')
     assert not hands.pilot.complaint('b')
+
+
+def test_who_lost_hold_of_the_controls_is_told_so_until_they_are_touched_again(hands):
+    hands.drive('a')
+    assert hands.beat('a', STOP, lost=True) == STOP
+    hands.beat('a', STOP)
+    assert hands.pilot.complaint('a')
+    hands.drive('a')
+    assert not hands.pilot.complaint('a')
