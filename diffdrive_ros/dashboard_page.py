@@ -130,7 +130,7 @@ class Page:
                 'no-caps color=green-10')
             self._take = ui.button('Take the wheel', on_click=self._on_take).props('no-caps')
             self._unlock = ui.button('Drive this real robot', on_click=self._ask_to_unlock).props(
-                'no-caps color=orange-10')
+                'no-caps color=deep-orange-10')
         with ui.row().classes('items-center gap-4 no-wrap pt-2'):
             pad = View('pad', 'Joystick; by the keyboard W A S D or the arrow keys, held')
             pad.hear('beat', self._on_beat)
@@ -238,7 +238,7 @@ class Page:
                      'joystick will then drive it.')
             with ui.row():
                 ui.button('Drive it', on_click=lambda: dialog.submit(True)).props(
-                    'no-caps color=orange-10')
+                    'no-caps color=deep-orange-10')
                 ui.button('Only look', on_click=dialog.close).props('no-caps flat')
         self._is_unlocked = await dialog is True
 

@@ -177,6 +177,7 @@ def run(path: str, picture: Path, keep_running: bool) -> None:
             drive.wait_for_the_robot()
             drive.drive(path)
             report(console, driver, path, picture)
+            console.print('Drive it yourself in the browser: make dashboard')
             if keep_running:
                 console.print(
                     'The robot stays: drive it by cmd_vel, watch odom; Ctrl-C ends it.')

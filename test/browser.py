@@ -94,7 +94,7 @@ class Dashboard:
 
     def wait(self) -> int:
         """Return the exit code; output is complete then."""
-        self.output += self._process.communicate(timeout=20)[0]
+        self.output += self._process.communicate(timeout=60)[0]
         return self._process.returncode
 
     def close(self) -> None:
@@ -208,19 +208,26 @@ class Hands:
             'words => document.querySelector("header [role=status]").innerText.includes(words)',
             arg=words, timeout=20000)
 
-    def press(self, key: str, until: Callable[[], object], timeout: float = 30.0) -> None:
-        """Press a key until something is so, anew where the page lost its beat; leave it down."""
+    def press(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
+        """
+        Press a key until something is so, and leave it down.
+
+        On a machine that is busy, pages and servers lose their beat, and then it counts only when
+        it is pressed anew.
+        """
         deadline = time.monotonic() + timeout
         self.page.keyboard.down(key)
+        pressed = time.monotonic()
         while not until():
             assert time.monotonic() < deadline, self.status
             self.page.wait_for_timeout(5)
-            if 'press again' in self.status:
+            if 'press again' in self.status or time.monotonic() - pressed > 3.0:
                 self.page.keyboard.up(key)
                 self.page.wait_for_timeout(200)
                 self.page.keyboard.down(key)
+                pressed = time.monotonic()
 
-    def hold(self, key: str, until: Callable[[], object], timeout: float = 30.0) -> None:
+    def hold(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
         """Hold a key until something is so, and release it."""
         try:
             self.press(key, until, timeout)
