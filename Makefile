@@ -3,7 +3,7 @@ PYTHON ?= python3
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
 
-.PHONY: help demo dashboard example lint test colcon consistency latency mutants fuzz soak bench clean
+.PHONY: help demo dashboard example lint test colcon consistency browser latency mutants fuzz soak bench clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -35,6 +35,9 @@ consistency:  ## check the covariance, and the error bars of calibrations, in si
 
 example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that run
 	@.ci/environment offline python -m diffdrive_ros.example $(ARGS)
+
+browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
+	@.ci/environment test python -m pytest -m browser test/test_dashboard_browser.py $(ARGS)
 
 latency:  ## measure from key press to wheel command: make latency ARGS='--presses 50'
 	@.ci/environment test python test/page_latency.py $(ARGS)

@@ -17,6 +17,8 @@ from station import Process, Station, wait_until
 if missing() and not os.environ.get('CI'):
     pytest.skip(f'no tests in a browser: {missing()}', allow_module_level=True)
 
+pytestmark = pytest.mark.browser
+
 TIMEOUT = 0.5  # [s] cmd_vel_timeout, its default
 PERIOD = 0.02  # [s] of wheel commands
 SLACK = 0.15  # [s] for a machine that does other things too
