@@ -201,7 +201,7 @@ _OFFSET_PRIOR = 0.2  # [s]
 
 # Variances: where the search starts, and how far it goes at a time, in their logarithms.
 _STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-5, 1e-5])
-_LEAP = math.log(100.0)
+_LEAP = math.log(4.0)
 
 _RATE = 0.02  # [s], over which the rate of the poses is taken
 
@@ -282,7 +282,7 @@ class _Fit:
             self._step(self.solution)
             self._weigh(self.solution)
             self._smooth(self.solution, linears)
-            small = 0.03 * np.sqrt(np.diag(self.solution.covariance))
+            small = 0.1 * np.sqrt(np.diag(self.solution.covariance))
             if (np.abs(self.solution.common) <= small).all():
                 break
         self.linears = [self._linear(state) for state in self.states]
