@@ -292,6 +292,7 @@ class CommandEpisode(Episode):
             10.0 ** draw.uniform(-3.0, 0.0))
         self.now = draw.randrange(10**18)
         self.received: int | None = None
+        self.stepped: int | None = None
         self.target: tuple[float, float] | None = (0.0, 0.0)  # None for unknown
         self.last = WheelCommand(0.0, 0.0, 0.0, 0.0)
 
@@ -375,6 +376,10 @@ class CommandEpisode(Episode):
                            path.linear_limits, path.angular_limits, path.period, set(path.holds)))
         sent = self.last = path.step(self.now)
         self.calls.append(('sent', sent))
+        # Two periods may be jitter and count as one; of more that were left out, up to five count.
+        periods = 1.0 if self.stepped is None else (self.now - self.stepped) * 1e-9 / path.period
+        self.seconds = path.period * (min(periods, 5.0) if periods > 2.0 else 1.0)
+        self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
         if path.holds or (path.timeout and age_ns is not None
                           and not 0 <= age_ns <= path.timeout * 1e9):
@@ -408,7 +413,7 @@ class CommandEpisode(Episode):
         target = min(max(target, low), high)
         tiny = 1e-9 * (1.0 + abs(before))
         if not target:
-            slowed = max(abs(before) - self.slowing(limits, before) * self.path.period, 0.0)
+            slowed = max(abs(before) - self.slowing(limits, before) * self.seconds, 0.0)
             demand(abs(now) <= slowed + tiny and (now * before >= 0.0 or abs(now) <= tiny),
                    'zero is due', now, before, slowed)
             demand(is_limited or abs(now) >= slowed - tiny, 'stopped too hard', now, slowed)
@@ -425,7 +430,7 @@ class CommandEpisode(Episode):
             if limits == AxisLimits():
                 demand(abs(now - target) <= tiny, 'not what was asked for', now, target)
             fastest = max(ahead(limits), -back(limits), self.slowing(limits, before))
-            demand(abs(now - before) <= fastest * self.path.period + tiny
+            demand(abs(now - before) <= fastest * self.seconds + tiny
                    or not low <= before <= high or not target,
                    'faster than its accelerations', before, now, target)
 
