@@ -9,6 +9,7 @@ from diffdrive_ros.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
 from diffdrive_ros.feedback import WheelFeedback
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 LONGEST_SILENCE = 2.0  # [s] without a sample of the wheels until it is said
 MOST_NAMES = 20  # of joints that are not ours, in a message
@@ -41,7 +42,10 @@ class Monitor:
 
     def has_new_commander(self) -> bool:
         """Return whether somebody publishes cmd_vel who was not there at the last look."""
-        ends = self._node.get_publishers_info_by_topic('cmd_vel')
+        return self._remember(self._node.get_publishers_info_by_topic('cmd_vel'))
+
+    def _remember(self, ends: Sequence[TopicEndpointInfo]) -> bool:
+        """Take note of those who publish cmd_vel; return whether one of them is new."""
         known = len(self._commanders)
         self._commanders |= {bytes(end.endpoint_gid): None for end in ends}
         is_new = len(self._commanders) > known
@@ -54,7 +58,6 @@ class Monitor:
         return time.monotonic() - self.sampled_at
 
     def _look(self) -> None:
-        self.has_new_commander()
         self._look_at_publishers()
         now = time.monotonic()
         elapsed, self._looked_at = now - self._looked_at, now
@@ -117,7 +120,9 @@ class Monitor:
     def _look_at_publishers(self) -> None:
         """Say once what is wrong with those who publish to this node."""
         wanted = 'TwistStamped' if self._config.enable_stamped_cmd_vel else 'Twist'
-        for end in self._node.get_publishers_info_by_topic('cmd_vel'):
+        commanders = self._node.get_publishers_info_by_topic('cmd_vel')
+        self._remember(commanders)
+        for end in commanders:
             if end.topic_type != f'geometry_msgs/msg/{wanted}':
                 self._say_once(
                     f'{end.node_name} publishes cmd_vel as {end.topic_type} and is not heard: '
