@@ -370,7 +370,7 @@ class _Fit:
         travel, turn = self.variances[:2]
         for state, linear, smooth in zip(self.states, linears, solution.smooth, strict=True):
             pulls = np.einsum('kij,ki->kj', linear.from_origin, smooth.reshape(-1, 3))
-            later = np.zeros((len(linear.seconds), 3))
+            later: Array = np.zeros((len(linear.seconds), 3))
             np.add.at(later, linear.asked, pulls)
             # What a step does is seen by all poses after it.
             later = np.cumsum(later[::-1], axis=0)[::-1][1:]
@@ -409,7 +409,8 @@ class _Fit:
             right_side[-3:-1] -= prior[:2] * self.marker[:2]
         objective, parts, normals = 0.0, [], []
         for linear, state in zip(linears, states, strict=True):
-            inverse, determinant = _inverse(np.tensordot(variances, linear.components, 1))
+            inverse, determinant = _inverse(
+                np.einsum('k,kij->ij', variances, linear.components))
             derivatives = np.concatenate([linear.local, linear.common], axis=1)
             weighed = inverse @ derivatives
             own = linear.local.shape[1]
@@ -428,7 +429,7 @@ class _Fit:
                 determinant - np.linalg.slogdet(own_inverse)[1]
                 + linear.residuals @ inverse @ linear.residuals - side[:own] @ eliminated[:, 0])
             parts.append((inverse, derivatives, weighed, own_inverse, eliminated))
-        covariance = np.linalg.inv(information)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         common = covariance @ right_side
         objective += np.linalg.slogdet(information)[1] - right_side @ common
         gradient = np.zeros(len(variances))

@@ -136,7 +136,7 @@ def _tangent(distance: Array, turn: Array, heading: Array) -> tuple[Array, Array
 def _follow_chunks(
     drive: DiffDrive, chunks: Iterable[tuple[npt.ArrayLike, npt.ArrayLike]], pose: Array,
 ) -> Iterator[Array]:
-    last = np.empty((2, 0))  # of the angles until now: left, right
+    last: Array = np.empty((2, 0))  # of the angles until now: left, right
     for number, chunk in enumerate(chunks):
         try:
             left, right = chunk
