@@ -12,7 +12,6 @@ import secrets
 import signal
 import socket
 import sys
-import time
 
 from diffdrive_ros.robot_processes import RobotEndedError, running_robot, used_topics
 from diffdrive_ros.spinning import START_ERRORS, STOP_SIGNALS
@@ -80,12 +79,10 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = DashboardNode(options.odometry)
-        if options.simulate:
-            time.sleep(1.0)  # for the discovery of those who are here already
-            if topics := used_topics(node):
-                raise DashboardError(
-                    f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID '
-                    'to another domain')
+        if options.simulate and (topics := used_topics(node)):
+            raise DashboardError(
+                f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
+                'another domain')
         token = None if options.host in LOOPBACK else secrets.token_urlsafe(24)
         started = running_robot('publish_limited_velocity:=true') if options.simulate else (
             nullcontext())

@@ -167,7 +167,6 @@ def run(path: str, picture: Path, keep_running: bool) -> None:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     driver = DriverNode()
     try:
-        time.sleep(1.0)  # for the discovery of those who are here already
         if topics := used_topics(driver):
             raise DemoError(
                 f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '

@@ -5,12 +5,16 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 
 from diffdrive_ros.spinning import STOP_SIGNALS
 from rclpy.node import Node
 
 ROBOT = ('wheel_separation:=0.160', 'wheel_radius:=0.033')
 FLOOR = ('slip:=0.01', 'travel_noise:=0.001', 'seed:=1')
+
+# [s] DDS announces a participant every 3 s, and what it says first may be lost.
+DISCOVERY = 3.5
 
 TOPICS = ('cmd_vel', 'wheel_commands', 'joint_states', 'odom', 'ground_truth')
 
@@ -77,7 +81,18 @@ def running_robot(*odometry_settings: str) -> Iterator[RobotProcesses]:
 
 
 def used_topics(node: Node) -> Sequence[str]:
-    """Return the topics of such a robot on which somebody else than a node is already."""
+    """
+    Return the topics of such a robot on which somebody else than a node is already.
+
+    Takes until somebody is found there, or until all are who can be.
+    """
+    deadline = time.monotonic() + DISCOVERY
+    while not (topics := _topics_of_others(node)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return topics
+
+
+def _topics_of_others(node: Node) -> Sequence[str]:
     return [topic for topic in TOPICS if any(
         end.node_name != node.get_name() for end in (
             *node.get_publishers_info_by_topic(topic),
