@@ -92,6 +92,10 @@ class WheelFeedback:
             self.position_feedback and self.encoder_wrap is None
             and self.max_plausible_speed is None)
         self._restarted_ns: int | None = None
+        # What the next message nearly always is: as the last, which alone was a whole sample.
+        self._usual_names: tuple[str, ...] | None = None
+        self._usual_wheels: list[tuple[_Wheel, int]] = []
+        self._usual_after_ns = BEFORE_ALL_NS
 
     @property
     def waits_for(self) -> list[str]:
@@ -109,21 +113,19 @@ class WheelFeedback:
         cannot be believed, nothing of the message is taken: the last angles stay, and the next
         message carries the motion.
         """
+        if (names == self._usual_names and stamp_ns > self._usual_after_ns
+                and len(positions) == len(names) and _are_angles(positions)):
+            return self._usual_sample(positions, stamp_ns)
+        self._usual_names = None
         values = positions if self.position_feedback else velocities
-        wheels, takes_all = self._wheels, self._takes_all
         is_whole = True
         turns: list[_Turn] = []
         for name, value in zip(names, values, strict=False):
-            wheel = wheels.get(name)
+            wheel = self._wheels.get(name)
             if wheel is None:
                 continue
             if is_whole and not turns:
                 self.complaint = ''
-            if (takes_all and abs(value) < LARGEST and stamp_ns > wheel.stamp_ns
-                    and wheel.held_past is None):  # nearly always, and quicker here
-                turns.append(
-                    (wheel, value, wheel.angle + wheel.direction * (value - wheel.value), ''))
-                continue
             turn = self._turn_to(wheel, value, stamp_ns)
             if turn:
                 turns.append(turn)
@@ -142,31 +144,44 @@ class WheelFeedback:
             wheel.value, wheel.angle, wheel.stamp_ns = value, angle, stamp_ns
             wheel.held = None
             self._renewed.add(wheel.name)
-        if len(self._renewed) < len(wheels):
+        if len(self._renewed) < len(self._wheels):
             return None
-        return self._sample()
+        self._expect(names, stamp_ns)
+        return self._sample(max([wheel.stamp_ns for wheel in self._wheels.values()]))
 
     def refuse(self, complaint: str) -> None:
         """Take note of a message that cannot be read, and why."""
         self._count('unreadable')
         self.complaint = complaint
 
-    def _sample(self) -> WheelSample:
+    def _expect(self, names: Sequence[str], stamp_ns: int) -> None:
+        """Take note of a message that completed a sample, if others like it can be quick."""
+        if (self._takes_all and len(names) == len(self._wheels)
+                and self._wheels.keys() == set(names)):
+            self._usual_names, self._usual_after_ns = tuple(names), stamp_ns
+            self._usual_wheels = [(self._wheels[name], index) for index, name in enumerate(names)]
+
+    def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample:
+        """Return the sample of a message with nothing special about it."""
+        self.complaint = ''
+        self._usual_after_ns = stamp_ns
+        for wheel, index in self._usual_wheels:
+            value = positions[index]
+            wheel.angle += wheel.direction * (value - wheel.value)
+            wheel.value, wheel.stamp_ns = value, stamp_ns
+        return self._sample(stamp_ns)
+
+    def _sample(self, stamp_ns: int) -> WheelSample:
         self.counts['samples'] += 1
         self._renewed.clear()
         restarted_ns, self._restarted_ns = self._restarted_ns, None
         left = right = 0.0
-        newest_ns = self._left[0].stamp_ns
         for wheel in self._left:
             left += wheel.angle
-            if wheel.stamp_ns > newest_ns:
-                newest_ns = wheel.stamp_ns
         for wheel in self._right:
             right += wheel.angle
-            if wheel.stamp_ns > newest_ns:
-                newest_ns = wheel.stamp_ns
         return WheelSample(
-            left / len(self._left), right / len(self._right), newest_ns, restarted_ns)
+            left / len(self._left), right / len(self._right), stamp_ns, restarted_ns)
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""
@@ -270,6 +285,14 @@ class WheelFeedback:
 
     def _count(self, what: str) -> None:
         self.counts[what] += 1
+
+
+def _are_angles(values: Sequence[float]) -> bool:
+    """Return whether all values are finite and of a size that encoders may have."""
+    total = 0.0
+    for value in values:
+        total += abs(value)
+    return total < LARGEST
 
 
 def _turn(wheel: _Wheel, value: float, turned: float, event: str = '') -> _Turn:

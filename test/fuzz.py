@@ -108,7 +108,7 @@ class FeedbackEpisode(Episode):
         if stamp_ns % 2:
             given = array('d', values)
         positions, velocities = (given, ()) if self.by_position else ((), given)
-        sample = self.feedback.update(names, positions, velocities, stamp_ns)
+        sample = self.feedback.update(tuple(names), positions, velocities, stamp_ns)
         if sample is None:
             return None
         self.samples += 1

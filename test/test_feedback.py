@@ -12,12 +12,12 @@ EPOCH_NS = 1_700_000_000 * SECOND
 
 def positions_of(**angles):
     """Return the arguments of a message with positions alone, as they stand."""
-    return list(angles), list(angles.values()), []
+    return tuple(angles), tuple(angles.values()), ()
 
 
 def velocities_of(**speeds):
     """Return the arguments of a message with velocities alone, as they stand."""
-    return list(speeds), [], list(speeds.values())
+    return tuple(speeds), (), tuple(speeds.values())
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_sides_may_have_different_numbers_of_wheels():
 
 
 @pytest.mark.parametrize('message', [
-    ([], [], []), positions_of(arm=1.0, gripper=2.0), ([], [1.0, 2.0], []), (['arm'], [], [])])
+    ((), (), ()), positions_of(arm=1.0, gripper=2.0), ((), (1.0, 2.0), ()), (('arm',), (), ())])
 def test_messages_without_our_wheels_are_passed_over(two_wheels, message):
     two_wheels.update(*positions_of(left=1.0, right=2.0), 7)
     assert two_wheels.update(*message, 8) is None
@@ -111,6 +111,25 @@ def test_a_sample_comes_once_per_round_of_all_wheels_and_never_early(order):
             seen.clear()
             samples += 1
     assert samples >= 1
+
+
+@given(st.lists(st.tuples(
+    st.sampled_from([
+        ('left', 'front', 'rear'), ('rear', 'left', 'front'), ('left',), ('front', 'rear'),
+        ('left', 'left', 'front', 'rear'), ('arm',), ()]),
+    st.lists(st.sampled_from([0.0, 1.5, -7.25, 9e11, 1e12, math.inf, math.nan]), max_size=4),
+    st.integers(-1, 3) | st.integers(-3 * SECOND, 3 * SECOND))))
+def test_messages_like_the_last_are_taken_as_any_others_are(messages):
+    """Lists are never known again, tuples are."""
+    tuples, lists = (
+        WheelFeedback(['left'], ['front', 'rear'], right_direction=-1) for _ in range(2))
+    stamp_ns = EPOCH_NS
+    for names, values, later_ns in messages:
+        stamp_ns += later_ns
+        taken = tuples.update(names, tuple(values), (), stamp_ns)
+        assert taken == lists.update(list(names), values, [], stamp_ns)
+        assert (tuples.complaint, tuples.counts) == (lists.complaint, lists.counts)
+        assert tuples.waits_for == lists.waits_for
 
 
 # What is missing or broken

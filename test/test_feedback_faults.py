@@ -55,7 +55,7 @@ class DamagedDrive(RuleBasedStateMachine):
             values[side] = value
         by_name = dict(zip(NAMES, values, strict=True))
         return self.feedback.update(
-            names, [by_name.get(name, 7.0) for name in names], [],
+            tuple(names), [by_name.get(name, 7.0) for name in names], [],
             self.now if stamp is None else stamp)
 
     def check(self, sample: object, restarted: int | None = None) -> None:
