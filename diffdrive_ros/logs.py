@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 from diffdrive_ros.arguments import Array
 from diffdrive_ros.feedback import WheelFeedback, WheelSample
-from diffdrive_ros.log_messages import JointReader, JOINTS, MessageError, POSES, SeenPose
+from diffdrive_ros.log_messages import JOINTS, POSES, SeenPose
+from diffdrive_ros.wire import JointStateReader, WireError
 import numpy as np
 import numpy.typing as npt
 
@@ -184,7 +185,8 @@ def _read_bag(
         wheels = bag.connections_of(wanted.wheels, [JOINTS])
         reference = bag.connections_of(
             wanted.reference, list(POSES)) if wanted.reference is not None else []
-        joints = JointReader()
+        joints = JointStateReader((*feedback.left_names, *feedback.right_names))
+        heard: set[str] = set()
         readers = {connection.id: POSES[connection.msgtype] for connection in reference}
         for connection, received_ns, data in bag.messages([*wheels, *reference]):
             try:
@@ -192,23 +194,22 @@ def _read_bag(
                     poses = [] if poses is None else poses
                     poses.extend(readers[connection.id](data))
                     continue
-                message = joints.read(data)
-            except MessageError as error:
+                names, positions, velocities, stamp_ns, all_names = joints.read(data)
+            except WireError as error:
                 raise LogError(
                     f'{path}: a message on {connection.topic}: {error}') from None
             # As the node does: without a stamp, the time of receipt stands in.
-            sample = feedback.update(
-                message.names, message.positions, message.velocities,
-                message.stamp_ns or received_ns)
+            sample = feedback.update(names, positions, velocities, stamp_ns or received_ns)
             if sample:
                 samples.append(sample)
-        names = joints.seen
+            else:
+                heard.update(all_names)
     if not samples:
         raise LogError(
             f'{path}: no sample of {", ".join((*feedback.left_names, *feedback.right_names))} on '
             f'{wanted.wheels}'
             + (f': {feedback.complaint}' if feedback.complaint else '')
-            + f'; its joints are {", ".join(sorted(names)) or "none"}')
+            + f'; its joints are {", ".join(sorted(heard)) or "none"}')
     if poses is not None:
         poses = _of_one_child(path, wanted, poses)
     return samples, poses

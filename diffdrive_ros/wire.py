@@ -9,7 +9,7 @@ patch the few that change, costs a tenth of what the conversion from and to mess
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 import math
-from struct import calcsize, Struct
+from struct import calcsize, Struct, unpack_from
 from typing import Any, NamedTuple
 
 from diffdrive_ros.odometry import Estimate, Triangle
@@ -92,7 +92,7 @@ class JointStateReader:
         return self.read(payload)
 
     def _learn(self, payload: bytes) -> _Layout:
-        scan = _Scan(payload, at=AFTER_STAMP)
+        scan = Scan(payload, at=AFTER_STAMP)
         scan.string()
         all_names = tuple([scan.string() for _ in range(scan.count())])
         starts, ends = (AFTER_STAMP, *scan.gap_ends), (*scan.gap_starts, scan.at)
@@ -116,11 +116,15 @@ class JointStateReader:
             tuple([all_names[index] for index in wanted]), all_names)
 
 
-class _Scan:
-    """Goes through a payload field by field, and never beyond its end."""
+class Scan:
+    """
+    Goes through a payload field by field, and never beyond its end.
 
-    def __init__(self, payload: bytes, at: int) -> None:
-        byte_order = BYTE_ORDERS.get(payload[:2])
+    Every step raises WireError for what cannot stand there.
+    """
+
+    def __init__(self, payload: bytes, at: int = PREAMBLE) -> None:
+        byte_order = BYTE_ORDERS.get(bytes(payload[:2]))
         if byte_order is None:
             raise WireError(f'encoding {payload[:2].hex()}: must be 0000 or 0001')
         self.byte_order = byte_order
@@ -129,15 +133,21 @@ class _Scan:
         """Where bytes that only fill, and may be anything, begin."""
         self.gap_ends: list[int] = []
         self._payload = payload
-        self._count = Struct(byte_order + 'I')
 
     def count(self) -> int:
         """Return the count that stands here, and go behind it."""
-        self._align(4)
-        start = self.at
-        self._advance(4, 'a count')
-        count: int = self._count.unpack_from(self._payload, start)[0]
+        count: int = self._values('I', 4, 'a count')[0]
         return count
+
+    def stamp_ns(self) -> int:
+        """Return the time [ns] that stands here, and go behind it."""
+        seconds, nanoseconds = self._values('iI', 4, 'a stamp')
+        return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+    def pose(self) -> tuple[float, float, float, float, float, float, float]:
+        """Return the Pose that stands here: x, y, z, quaternion x, y, z, w; and go behind it."""
+        x, y, z, q_x, q_y, q_z, q_w = self._values('7d', 8, 'a pose')
+        return x, y, z, q_x, q_y, q_z, q_w
 
     def string(self) -> str:
         """Return the text that stands here, and go behind it."""
@@ -155,6 +165,13 @@ class _Scan:
         start = self.at
         self._advance(8 * count, 'a sequence')
         return start
+
+    def _values(self, kind: str, size: int, what: str) -> tuple[Any, ...]:
+        """Return values of a kind of struct, aligned to a size, and go behind them."""
+        self._align(size)
+        start, form = self.at, self.byte_order + kind
+        self._advance(calcsize(form), what)
+        return unpack_from(form, self._payload, start)
 
     def _align(self, size: int) -> None:
         filling = -(self.at - PREAMBLE) % size

@@ -19,12 +19,12 @@ CORE = {
     'linearization': {'arguments', 'se2', 'kinematics', 'odometry'},
     'loop_closure': {'arguments', 'kinematics', 'linearization'},
     'evaluation': {'arguments', 'se2'},
-    'log_messages': set(),
     'feedback': {'arguments', 'se2', 'kinematics'},
     'lateness': set(),
     'limits': set(),
     'command': {'arguments', 'se2', 'kinematics', 'limits'},
     'wire': {'arguments', 'se2', 'kinematics', 'odometry'},
+    'log_messages': {'wire'},
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
     # What the dashboard decides, without ROS and without a browser.
@@ -38,7 +38,7 @@ CORE = {
 # The tools for logs, which may need these besides; the core may need none of it.
 OFFLINE = {
     'calibration': ({'arguments', 'se2', 'kinematics', 'odometry', 'linearization'}, {'scipy'}),
-    'logs': ({'arguments', 'feedback', 'log_messages'}, {'rosbags'}),
+    'logs': ({'arguments', 'feedback', 'log_messages', 'wire'}, {'rosbags'}),
     'parameter_file': ({'arguments', 'feedback', 'kinematics', 'odometry'}, {'yaml'}),
     'replay': (
         {'arguments', 'evaluation', 'feedback', 'logs', 'parameter_file', 'plots', 'se2'}, set()),
