@@ -11,6 +11,7 @@ import sys
 import threading
 from typing import TypeVar
 
+from diffdrive_ros.console import patient_console
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -48,20 +49,22 @@ def run(
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     stop = _catch_signals()
-    try:
-        refuse_other_arguments(name, description, arguments)
-        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-        executor = make_executor()
-        node = make_node()
-    except START_ERRORS as error:
-        what = '' if isinstance(error, StartError) else f'cannot start: {type(error).__name__}: '
-        print(f'{name}: {what}{" ".join(str(error).split())}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 1
-    try:
-        _spin(executor, node, last_words, keep_time, stop)
-    finally:
-        rclpy.try_shutdown()
+    with patient_console():
+        try:
+            refuse_other_arguments(name, description, arguments)
+            rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+            executor = make_executor()
+            node = make_node()
+        except START_ERRORS as error:
+            what = '' if isinstance(error, StartError) else (
+                f'cannot start: {type(error).__name__}: ')
+            print(f'{name}: {what}{" ".join(str(error).split())}', file=sys.stderr)
+            rclpy.try_shutdown()
+            return 1
+        try:
+            _spin(executor, node, last_words, keep_time, stop)
+        finally:
+            rclpy.try_shutdown()
     return 0
 
 

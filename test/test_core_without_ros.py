@@ -20,6 +20,7 @@ CORE = {
     'loop_closure': {'arguments', 'kinematics', 'linearization'},
     'evaluation': {'arguments', 'se2'},
     'feedback': {'arguments', 'se2', 'kinematics'},
+    'console': set(),
     'lateness': set(),
     'limits': set(),
     'command': {'arguments', 'se2', 'kinematics', 'limits'},
