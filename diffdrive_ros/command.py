@@ -6,7 +6,7 @@ silence, a command that is not finite and a hold bring the target to zero, and t
 limits alone say how fast the robot gets there.
 """
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 from diffdrive_ros.kinematics import desaturate, DiffDrive
@@ -24,7 +24,10 @@ class WheelCommand:
     angular: float
 
 
-MOST_PERIODS = 5.0  # a step that comes later still changes the speed by no more
+# Of a longer time without a step, no more counts for speeding up; all counts for slowing down.
+MOST_PERIODS = 5.0
+
+A_MOMENT = 1e-9  # [s]
 
 STOP = WheelCommand(0.0, 0.0, 0.0, 0.0)
 NO_LIMITS = AxisLimits()
@@ -56,7 +59,8 @@ class CommandPath:
     def __post_init__(self) -> None:
         self._linear = self._angular = 0.0
         self._received_ns: int | None = None
-        self._stepped_ns = 0
+        self._stepped_ns: int | None = None
+        self._seconds = self.period  # of the last step
         self._applied = self._applied_before = STOP
         self._complaint = ''
 
@@ -103,27 +107,45 @@ class CommandPath:
             self._linear, self._angular, self._complaint = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:
-        """Return what to send to the wheels now, about a period after the last step."""
-        seconds, self._stepped_ns = self._since_last_step(now_ns), now_ns
+        """Return what to send to the wheels now; the limits count the time since the last step."""
         if self.holds:
             self._linear = self._angular = 0.0
         if (self._linear or self._angular) and self._is_too_old(now_ns):
             self._count('timeouts')
             self._stop(f'no command for {self.timeout:g} s')
+        seconds, self._stepped_ns = self._since_last_step(now_ns), now_ns
+        if seconds > MOST_PERIODS * self.period:
+            self._slow_down(seconds - MOST_PERIODS * self.period)
+            seconds = MOST_PERIODS * self.period
         last, before_last = self._applied, self._applied_before
         linear = self.linear_limits.step(
-            self._linear, last.linear, before_last.linear, seconds)
+            self._linear, last.linear, before_last.linear, seconds, self._seconds)
         angular = self.angular_limits.step(
-            self._angular, last.angular, before_last.angular, seconds)
+            self._angular, last.angular, before_last.angular, seconds, self._seconds)
         if (linear, angular) != (self._linear, self._angular):
             self._count('limited')
-        self._applied, self._applied_before = self._for_wheels(linear, angular), last
+        self._applied = self._for_wheels(linear, angular)
+        if seconds > A_MOMENT:
+            self._applied_before, self._seconds = last, seconds
         return self._applied
 
     def _since_last_step(self, now_ns: int) -> float:
-        """Return the time [s] that the limits count: a period, more where steps were left out."""
-        periods = (now_ns - self._stepped_ns) * 1e-9 / self.period if self._stepped_ns else 1.0
-        return self.period * (min(periods, MOST_PERIODS) if periods > 2.0 else 1.0)
+        """Return the time [s] since the last step, which is never nothing."""
+        if self._stepped_ns is None:
+            return self.period
+        seconds = (now_ns - self._stepped_ns) * 1e-9
+        if seconds > 0.0:
+            return seconds
+        # Simulation time stands still or starts again: what is not limited changes all the same,
+        # and what has to stop for that stops.
+        return self.period if self.holds else A_MOMENT
+
+    def _slow_down(self, seconds: float) -> None:
+        """Let a time count in which the process stood still, and commanded nothing."""
+        last = self._applied
+        self._applied = self._applied_before = replace(
+            last, linear=self.linear_limits.step(0.0, last.linear, last.linear, seconds),
+            angular=self.angular_limits.step(0.0, last.angular, last.angular, seconds))
 
     def _for_wheels(self, linear: float, angular: float) -> WheelCommand:
         with np.errstate(over='ignore'):

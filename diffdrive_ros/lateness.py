@@ -6,126 +6,120 @@ is that of the clocks plus the transit. The least of it is what the quickest tra
 what is beyond the least is lateness: DDS sends again what a broken link has swallowed, a full
 queue is emptied, a process that was stopped goes on. All times are in ns.
 """
-from collections.abc import Callable
 from dataclasses import dataclass
 
 PUNCTUAL_NS = 50_000_000
 """Transits that differ by less are as good as the same."""
 
-ALIKE_NS = 200_000_000
-"""Messages that are late by the same, but for this, may be of one clock."""
+ALIKE_NS = 500_000_000
+"""Messages that are late by the same, but for this, may be of a clock that was set back."""
 
-CONFIRMED_NS = 1_000_000_000
-"""Three messages at least, across this time at least, show that they are."""
-
-FORGOTTEN_NS = 5_000_000_000
-"""Messages further apart than this show nothing together."""
-
-UNHEARD_NS = 60_000_000_000
-"""A clock by which nobody was punctual for so long, while by another somebody was, is given up."""
+CONFIRMED, APART_NS = 3, 500_000_000
+"""So many show that it was, of which each comes so long after the one before: no burst does."""
 
 DRIFT, MOST_DRIFT_NS = 5e-4, 100_000_000
 """Two clocks drift apart by no more: what the network time protocol may slew, and for how long."""
 
-MOST_CLOCKS = MOST_SUSPECTS = 8
+QUICKEST, LEEWAY = 2000.0, 100
+"""Nobody sends more messages a second, or more than these at once."""
 
-
-@dataclass(frozen=True)
-class _Clock:
-    """A sender's clock, of which no more is known than what its messages showed."""
-
-    difference_ns: float
-    """Its least difference between arrival and sending."""
-    heard_ns: int
-
-    def lateness(self, difference_ns: int, now_ns: int) -> float:
-        """Return how much later than by the quickest transit a message came."""
-        drift_ns = min(DRIFT * (now_ns - self.heard_ns), MOST_DRIFT_NS)
-        return difference_ns - self.difference_ns - drift_ns
+MOST_SENDERS = 8
 
 
 @dataclass
-class _Suspect:
-    """Messages that are late by every known clock, and all by about the same."""
+class _Late:
+    """Messages of a sender that are late by about the same."""
 
     difference_ns: int
-    since_ns: int
-    heard_ns: int
+    counted_ns: int
     count: int = 1
+
+
+@dataclass
+class _Sender:
+    """One who sends, by what its messages showed."""
+
+    sequence: int
+    """The number of its last message."""
+    heard_ns: int
+    difference_ns: float
+    """The least difference between arrival and sending."""
+    sooner_ns: int | None = None
+    """The difference of a message that came sooner than any: the clock may have been set."""
+    late: _Late | None = None
+
+    def may_have_sent(self, sequence: int, now_ns: int) -> bool:
+        """Return whether a message of a number can be the next of this sender that is heard."""
+        most = LEEWAY + QUICKEST * 1e-9 * (now_ns - self.heard_ns)
+        return 0 < sequence - self.sequence <= most
+
+    def lateness(self, difference_ns: int, now_ns: int) -> float:
+        """Return how much later than by the quickest transit a message comes."""
+        drift_ns = min(DRIFT * (now_ns - self.heard_ns), MOST_DRIFT_NS)
+        return difference_ns - self.difference_ns - drift_ns
+
+    def is_set(self, difference_ns: int, now_ns: int) -> bool:
+        """Return whether a late message shows, with others before it, that its clock was set."""
+        if self.late is None or abs(difference_ns - self.late.difference_ns) > ALIKE_NS:
+            self.late = _Late(difference_ns, now_ns)
+            return False
+        if now_ns - self.late.counted_ns >= APART_NS:
+            self.late.counted_ns = now_ns
+            self.late.count += 1
+        return self.late.count >= CONFIRMED
+
+    def set_clock(self, difference_ns: float, now_ns: int) -> None:
+        """Take a difference for that of the quickest transit."""
+        self.difference_ns, self.heard_ns = difference_ns, now_ns
+        self.sooner_ns = self.late = None
 
 
 class Lateness:
     """
-    The clocks of those who send on a topic, as their messages show them.
+    Those who send on a topic, as their messages show them.
 
-    Senders cannot be told apart by their messages. A message is held against the clock by which
-    it is the least late. One that is late by all is late, unless its sender is new, or others
-    that are late by about the same have come for a second: then that is a clock, which was set
-    back or not heard before. One that is too early for all shows that a clock was set forward,
-    or taken for slower than it is.
+    A message does not name its sender, but it has a number, and each sender counts its own. One
+    that follows no number that was heard is of a new sender, and not late. One that comes late is
+    late, unless others before it, with nothing punctual between, were late by about the same: then
+    the sender's clock was set back, or its link has become slower. Two that come too early show
+    that it was set forward, or taken for slower than it is. So nobody who goes on to send is
+    refused for more than a second or two messages.
     """
 
     def __init__(self) -> None:
-        self.doubtful_ns = 0
-        """By how much the messages were late that were last taken for those of another clock."""
-        self._clocks: list[_Clock] = []
-        self._suspects: list[_Suspect] = []
+        self._senders: list[_Sender] = []
 
-    def of(
-        self, sent_ns: int, now_ns: int, has_new_sender: Callable[[], bool] = lambda: False,
-    ) -> int:
+    def of(self, sent_ns: int, sequence: int | None, now_ns: int) -> tuple[int, int]:
         """
-        Return how late a message is; 0 for one that does not tell when it was sent.
+        Return how late a message is, and of how late a one a new clock is believed.
 
-        has_new_sender tells whether there is a sender that was not there when it was last asked;
-        it is asked only where that matters.
+        Both are mostly 0, and always for a message that does not tell when it was sent or, with
+        None, its number.
         """
-        if sent_ns <= 0:
-            return 0
+        if sent_ns <= 0 or sequence is None:
+            return 0, 0
         difference_ns = now_ns - sent_ns
-        late = [clock.lateness(difference_ns, now_ns) for clock in self._clocks]
-        possible = [(late_ns, index) for index, late_ns in enumerate(late)
-                    if late_ns >= -PUNCTUAL_NS]
+        possible = [each for each in self._senders if each.may_have_sent(sequence, now_ns)]
         if not possible:
-            if not has_new_sender() and late:
-                del self._clocks[late.index(max(late))]
-            self._learn(difference_ns, now_ns)
-            return 0
-        late_ns, index = min(possible)
+            self._senders.append(_Sender(sequence, now_ns, difference_ns))
+            if len(self._senders) > MOST_SENDERS:
+                self._senders.remove(min(self._senders, key=lambda each: each.heard_ns))
+            return 0, 0
+        # Who counts alike is told apart by the clock; else it is whose numbers are nearest.
+        sender = min(possible, key=lambda each: (
+            abs(each.lateness(difference_ns, now_ns)) > PUNCTUAL_NS, sequence - each.sequence))
+        sender.sequence = sequence
+        late_ns = sender.lateness(difference_ns, now_ns)
+        if late_ns < -PUNCTUAL_NS:
+            if sender.sooner_ns is not None:
+                sender.set_clock(max(sender.sooner_ns, difference_ns), now_ns)
+            else:
+                sender.sooner_ns = difference_ns
+            return 0, 0
         if late_ns <= PUNCTUAL_NS:
-            self._clocks[index] = _Clock(difference_ns - max(late_ns, 0.0), now_ns)
-            self._clocks = [
-                clock for clock in self._clocks if now_ns - clock.heard_ns <= UNHEARD_NS]
-            return max(round(late_ns), 0)
-        if has_new_sender():
-            self._learn(difference_ns, now_ns)
-            return 0
-        if self._is_confirmed(difference_ns, now_ns):
-            self.doubtful_ns = round(late_ns)
-            return 0
-        return round(late_ns)
-
-    def _is_confirmed(self, difference_ns: int, now_ns: int) -> bool:
-        """Return whether this is one message of many that are late alike; then it is a clock."""
-        self._suspects = [
-            each for each in self._suspects if now_ns - each.heard_ns <= FORGOTTEN_NS]
-        for suspect in self._suspects:
-            if abs(difference_ns - suspect.difference_ns) <= ALIKE_NS:
-                break
-        else:
-            self._suspects.append(_Suspect(difference_ns, now_ns, now_ns))
-            del self._suspects[:-MOST_SUSPECTS]
-            return False
-        suspect.difference_ns = min(suspect.difference_ns, difference_ns)
-        suspect.heard_ns = now_ns
-        suspect.count += 1
-        if suspect.count < 3 or now_ns - suspect.since_ns < CONFIRMED_NS:
-            return False
-        self._suspects.remove(suspect)
-        self._learn(suspect.difference_ns, now_ns)
-        return True
-
-    def _learn(self, difference_ns: int, now_ns: int) -> None:
-        self._clocks.append(_Clock(difference_ns, now_ns))
-        if len(self._clocks) > MOST_CLOCKS:
-            self._clocks.remove(min(self._clocks, key=lambda clock: clock.heard_ns))
+            sender.set_clock(difference_ns - max(late_ns, 0.0), now_ns)
+            return max(round(late_ns), 0), 0
+        if sender.is_set(difference_ns, now_ns):
+            sender.set_clock(difference_ns, now_ns)
+            return 0, round(late_ns)
+        return round(late_ns), 0

@@ -71,9 +71,12 @@ class AxisLimits:
             name for maximum, others in _FAMILIES.items() if math.isnan(getattr(self, maximum))
             for name in others if not math.isnan(getattr(self, name)))
 
-    def step(self, target: float, last: float, before_last: float, dt: float) -> float:
+    def step(
+        self, target: float, last: float, before_last: float, dt: float,
+        dt_before: float | None = None,
+    ) -> float:
         """
-        Return the speed to apply now; last and before_last were one and two periods of dt ago.
+        Return the speed to apply now; last was dt ago, before_last dt_before (or dt) before that.
 
         First the jerk is limited, where it points towards the target; then the acceleration,
         forward or reverse by the sign of last; then the velocity. Unlike diff_drive_controller's
@@ -87,19 +90,23 @@ class AxisLimits:
         - the momentum that jerk limits preserve never carries the speed past zero, away from the
           target.
 
-        So the speed never passes the target, and goes to zero without ever turning back. While no
-        time passes, with a dt of zero or less, it stays at last. Raises ValueError for anything
-        not finite.
+        So the speed never passes the target, and goes to zero without ever turning back; with
+        jerk limits it may go on for a while as before, away from the target. While no time passes,
+        with a dt of zero or less, it stays at last. Raises ValueError for anything not finite.
         """
         target, last = _finite('target', target), _finite('last', last)
         before_last, dt = _finite('before_last', before_last), _finite('dt', dt)
+        dt_before = _finite('dt_before', dt if dt_before is None else dt_before)
         if dt <= 0.0:
             return last
         low, high = self._velocities
         target = min(max(target, low), high)
         forward, reverse = self._rates
         if target and low <= last <= high:
-            now = self._ramp(self._smooth(target, last, before_last, dt), last, dt)
+            change = last - before_last
+            if dt_before > 0.0:
+                change *= dt / dt_before
+            now = self._ramp(self._smooth(target, last, change, dt), last, dt)
         elif (forward if last > 0.0 else reverse).slowing_down:
             now = self._ramp(target, last, dt)
         else:
@@ -132,11 +139,15 @@ class AxisLimits:
             return -math.inf, math.inf
         return _set_or(self.min_jerk, -high), high
 
-    def _smooth(self, target: float, last: float, before_last: float, dt: float) -> float:
-        """Return the speed closest to a target, not zero, that the jerk limits allow."""
+    def _smooth(self, target: float, last: float, change: float, dt: float) -> float:
+        """
+        Return the speed closest to a target, not zero, that the jerk limits allow.
+
+        change is that of the speed, if it went on as before for another dt.
+        """
         lowest, highest = (jerk * dt * dt for jerk in self._jerks)
         low, high = self._velocities
-        as_before = last + (last - before_last)
+        as_before = last + change
         # The target stands first: it is what is left where infinities have cancelled to nan.
         if target > last:
             target = min(target, as_before + highest)

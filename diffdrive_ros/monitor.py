@@ -9,11 +9,10 @@ from diffdrive_ros.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
 from diffdrive_ros.feedback import WheelFeedback
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 LONGEST_SILENCE = 2.0  # [s] without a sample of the wheels until it is said
+PARKED = 5.0  # [s] without a command: then it is no news that the wheels are stopped
 MOST_NAMES = 20  # of joints that are not ours, in a message
-MOST_COMMANDERS = 100  # that are remembered: they may come back after a broken link
 
 
 class Monitor:
@@ -28,9 +27,9 @@ class Monitor:
         self.sampled_at = self._looked_at = time.monotonic()
         """When the last sample of the wheels was taken, on the monotonic clock."""
         self._samples_then = self._commands_then = 0
+        self._commanded_at = self._looked_at
         self._names: set[str] = set()
         self._counts_then: Counter[str] = Counter()
-        self._commanders: dict[bytes, None] = {}
         self._said: set[str] = set()
         self._sender = DiagnosticsSender(node)
         node.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -39,19 +38,6 @@ class Monitor:
         """Take note of a joint message that completed no sample."""
         if len(self._names) < MOST_NAMES:
             self._names.update(names)
-
-    def has_new_commander(self) -> bool:
-        """Return whether somebody publishes cmd_vel who was not there at the last look."""
-        return self._remember(self._node.get_publishers_info_by_topic('cmd_vel'))
-
-    def _remember(self, ends: Sequence[TopicEndpointInfo]) -> bool:
-        """Take note of those who publish cmd_vel; return whether one of them is new."""
-        known = len(self._commanders)
-        self._commanders |= {bytes(end.endpoint_gid): None for end in ends}
-        is_new = len(self._commanders) > known
-        while len(self._commanders) > MOST_COMMANDERS:
-            del self._commanders[next(iter(self._commanders))]
-        return is_new
 
     def silence(self) -> float:
         """Return how long ago the last sample of the wheels was, or the start [s]."""
@@ -103,8 +89,12 @@ class Monitor:
     def _command_status(self, rate: float) -> Status:
         command = self._command
         figures = {'rate [Hz]': f'{rate:.1f}', **dict(command.counts)}
+        if rate:
+            self._commanded_at = self._looked_at
         if command.complaint:
-            return Status('commands', WARN, f'stopped: {command.complaint}', figures)
+            is_parked = not command.holds and self._looked_at - self._commanded_at > PARKED
+            return Status('commands', OK if is_parked else WARN, f'stopped: {command.complaint}',
+                          figures)
         return Status(
             'commands', OK, f'{rate:.0f} Hz' if command.started else 'none yet', figures)
 
@@ -120,9 +110,7 @@ class Monitor:
     def _look_at_publishers(self) -> None:
         """Say once what is wrong with those who publish to this node."""
         wanted = 'TwistStamped' if self._config.enable_stamped_cmd_vel else 'Twist'
-        commanders = self._node.get_publishers_info_by_topic('cmd_vel')
-        self._remember(commanders)
-        for end in commanders:
+        for end in self._node.get_publishers_info_by_topic('cmd_vel'):
             if end.topic_type != f'geometry_msgs/msg/{wanted}':
                 self._say_once(
                     f'{end.node_name} publishes cmd_vel as {end.topic_type} and is not heard: '

@@ -276,10 +276,11 @@ class Odometry:
         """
         Set the pose, (3,), and its covariance, (3, 3); the wheels' last sample stays.
 
-        Without a covariance, and in any direction where it is less, it is the least. The pose is
-        taken to come from elsewhere, so that its error is independent of the geometry's, whose
-        effect counts anew from here. Raises ValueError, and changes nothing, for a pose that is
-        none and for a covariance that is not finite, symmetric and positive semidefinite.
+        Without a covariance it is the least; one that is less in some direction is made larger in
+        all, by what lacks. The pose is taken to come from elsewhere, so that its error is
+        independent of the geometry's, whose effect counts anew from here. Raises ValueError, and
+        changes nothing, for a pose that is none and for a covariance that is not finite, symmetric
+        and positive semidefinite.
         """
         pose = _pose('pose', pose)
         spread = np.zeros((3, 3)) if covariance is None else _covariance('covariance', covariance)

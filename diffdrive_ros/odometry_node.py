@@ -11,13 +11,19 @@ from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.config import Config, say_unknown_names, SPECS
 from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.lateness import Lateness
-from diffdrive_ros.message_info import with_sent_ns
+from diffdrive_ros.message_info import with_sending
 from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odometry import Odometry
 from diffdrive_ros.pose_message import read_pose
 from diffdrive_ros.transforms import TransformSender
 from diffdrive_ros.wheel_commands import NEWEST_ONLY, of_each, SENDERS
-from diffdrive_ros.wire import JointStateReader, OdometryWriter, WireError
+from diffdrive_ros.wire import (
+    BEFORE_ITS_END,
+    END_OF_TIME_NS,
+    JointStateReader,
+    OdometryWriter,
+    WireError,
+)
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock, ClockType
@@ -74,7 +80,7 @@ class OdometryNode(Node):
         self._is_commanding = False
         self._other_axes_said = False
         self._command_complaint = self._feedback_complaint = ''
-        self._complained_at = -math.inf
+        self._complained_at = self._stop_said_at = -math.inf
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
         self._ticked_at = math.inf  # on the monotonic clock
         self._overdue = 2.0 * self._command.period
@@ -122,10 +128,10 @@ class OdometryNode(Node):
             clock=Clock(clock_type=ClockType.STEADY_TIME))
         if config.enable_stamped_cmd_vel:
             self.create_subscription(
-                TwistStamped, 'cmd_vel', with_sent_ns(self._on_twist_stamped), NEWEST_ONLY)
+                TwistStamped, 'cmd_vel', with_sending(self._on_twist_stamped), NEWEST_ONLY)
         else:
             self.create_subscription(
-                Twist, 'cmd_vel', with_sent_ns(self._on_twist), NEWEST_ONLY)
+                Twist, 'cmd_vel', with_sending(self._on_twist), NEWEST_ONLY)
         if not config.open_loop:
             self._timer.cancel()  # until the first command: an idle node costs nothing
             self.create_subscription(
@@ -183,10 +189,10 @@ class OdometryNode(Node):
         self._command.linear_limits = config.linear_limits
         self._command.angular_limits = config.angular_limits
 
-    def _on_twist_stamped(self, message: Any, sent_ns: int) -> None:
-        self._on_twist(message.twist, sent_ns)
+    def _on_twist_stamped(self, message: Any, sent_ns: int, sequence: int | None) -> None:
+        self._on_twist(message.twist, sent_ns, sequence)
 
-    def _on_twist(self, twist: Any, sent_ns: int) -> None:
+    def _on_twist(self, twist: Any, sent_ns: int, sequence: int | None) -> None:
         linear, angular = twist.linear, twist.angular
         if not self._other_axes_said and (
                 linear.y or linear.z or angular.x or angular.y):
@@ -196,18 +202,17 @@ class OdometryNode(Node):
                 'ignored')
         late_ns = 0
         if not self._is_simulated:
-            late_ns = self._lateness.of(sent_ns, _steady_ns(), self._monitor.has_new_commander)
-            self._say_doubt()
-        self._command.accept(linear.x, angular.z, self._command_ns(), late_ns)
+            late_ns, believed_ns = self._lateness.of(sent_ns, sequence, _steady_ns())
+            if believed_ns:
+                self._command.counts['taken for another clock'] += 1
+                self.get_logger().warning(
+                    f'cmd_vel goes on to come {believed_ns * 1e-9:.1f} s later than before: taken '
+                    'for that of another clock')
+        now_ns = self._command_ns()
+        if self._timer.is_canceled():
+            self._hold_where_due(now_ns)
+        self._command.accept(linear.x, angular.z, now_ns, late_ns)
         self._start_commanding()
-
-    def _say_doubt(self) -> None:
-        if self._lateness.doubtful_ns:
-            self.get_logger().warning(
-                f'cmd_vel goes on to come {self._lateness.doubtful_ns * 1e-9:.1f} s later than '
-                'before: taken for that of another clock')
-            self._lateness.doubtful_ns = 0
-            self._command.counts['taken for another clock'] += 1
 
     def _start_commanding(self) -> None:
         self._is_commanding = True
@@ -245,8 +250,7 @@ class OdometryNode(Node):
             speeds = of_each(joints, self._sent.left, self._sent.right)
             self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
             self._monitor.sampled_at = now
-        self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
-        self._command.hold(NO_FEEDBACK, self._feedback_is_lost())
+        self._hold_where_due(now_ns)
         self._sent = self._command.step(now_ns)
         if self._is_commanding:
             self._sender.send(self._sent.left, self._sent.right, stamp)
@@ -256,10 +260,21 @@ class OdometryNode(Node):
                 self._applied_message.twist.angular.z = self._sent.angular
                 self._applied_publisher.publish(self._applied_message)
         if self._command.complaint != self._command_complaint:
-            self._command_complaint = self._command.complaint
-            if self._command_complaint:
-                self.get_logger().warning(
-                    f'{self._command_complaint}; wheels stopped', throttle_duration_sec=1.0)
+            self._say_command_complaint(now)
+
+    def _say_command_complaint(self, now: float) -> None:
+        """Say why the wheels stop when it changes, at most once a second, the last one too."""
+        complaint = self._command.complaint
+        if complaint and now - self._stop_said_at < 1.0:
+            return
+        self._command_complaint = complaint
+        if complaint:
+            self._stop_said_at = now
+            self.get_logger().warning(f'{complaint}; wheels stopped')
+
+    def _hold_where_due(self, now_ns: int) -> None:
+        self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
+        self._command.hold(NO_FEEDBACK, self._feedback_is_lost())
 
     def _clock_stands_still(self, now_ns: int) -> bool:
         """Return whether simulation time has not moved for long, on the steady clock."""
@@ -284,6 +299,10 @@ class OdometryNode(Node):
             self.get_logger().warning(
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
             stamp_ns = self.get_clock().now().nanoseconds
+            if stamp_ns >= END_OF_TIME_NS:
+                self._feedback.refuse(f'the clock is at {stamp_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
+                self._say_feedback_complaint()
+                return
         if self._on_wheels(names, positions, velocities, stamp_ns):
             self._monitor.sampled_at = time.monotonic()
         else:
@@ -309,10 +328,10 @@ class OdometryNode(Node):
             self._odom_due_ns = None
         try:
             is_new = self._odometry.update(left, right, stamp_ns)
-        except ValueError as error:  # a step without bounds: the next sample goes on from here
+        except ValueError as error:  # a step without bounds, by a noise or geometry without
             self._feedback.refuse(str(error))
             self._say_feedback_complaint()
-            return True
+            return False
         if is_new:
             self._publish_odometry(stamp_ns if odom_ns is None else odom_ns)
         return True
@@ -338,8 +357,9 @@ class OdometryNode(Node):
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether odom is to be published for a stamp, at publish_rate."""
         period_ns = round(1e9 / self._config.publish_rate)
-        if self._odom_due_ns is None or stamp_ns >= self._odom_due_ns + period_ns:
-            self._odom_due_ns = stamp_ns
+        if (self._odom_due_ns is None
+                or not self._odom_due_ns - period_ns <= stamp_ns < self._odom_due_ns + period_ns):
+            self._odom_due_ns = stamp_ns  # at the start, after a gap, by a clock that was set
         if stamp_ns < self._odom_due_ns:
             return False
         self._odom_due_ns += period_ns
@@ -369,7 +389,8 @@ class OdometryNode(Node):
         self._command.hold(DISABLED, not request.data)
         self._start_commanding()
         response.success = True
-        response.message = 'the next command is driven' if request.data else 'the wheels are held'
+        held = self._command.complaint if self._command.holds else ''
+        response.message = f'the wheels are held: {held}' if held else 'the next command is driven'
         return response
 
     def _now(self) -> Time:

@@ -171,8 +171,9 @@ def declare(node: Node, specs: Sequence[Spec]) -> Values:
     values: dict[str, Any] = {}
     overrides = given(node)
     for name, value in overrides.items():
-        if name.startswith('qos_overrides.') and name.endswith('.depth') and value < 1:
-            raise ParameterError(name, value, 'must be 1 or more')
+        if name.startswith('qos_overrides.') and name.endswith('.depth') and not (
+                isinstance(value, int) and value >= 1):
+            raise ParameterError(name, value, 'must be an integer of 1 or more')
     for spec in specs:
         values[spec.name] = spec.with_point(overrides.get(spec.name, spec.default))
         spec.check(values[spec.name])

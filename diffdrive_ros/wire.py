@@ -20,6 +20,7 @@ UNKNOWN = 1e6
 FULL_TURN = 2.0 * math.pi
 
 END_OF_TIME_NS = 2**31 * 1_000_000_000  # of a stamp, whose seconds are of 32 bits with a sign
+BEFORE_ITS_END = 'must be before 2038'
 
 PREAMBLE = 4  # bytes
 AFTER_STAMP = PREAMBLE + 8
@@ -85,7 +86,7 @@ class JointStateReader:
                     and (values[middle], values[last], values[-1]) == counts):
                 stamp_ns = values[1] * 1_000_000_000 + values[2]
                 if stamp_ns >= END_OF_TIME_NS:
-                    raise WireError(f'stamp = {values[1]} s + {values[2]} ns: must be before 2038')
+                    raise WireError(f'stamp = {values[1]} s + {values[2]} ns: {BEFORE_ITS_END}')
                 return (
                     names, values[middle + 1:last], values[last + 1:-1], stamp_ns, all_names)
         self._layouts.appendleft(self._learn(payload))

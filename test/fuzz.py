@@ -376,9 +376,10 @@ class CommandEpisode(Episode):
                            path.linear_limits, path.angular_limits, path.period, set(path.holds)))
         sent = self.last = path.step(self.now)
         self.calls.append(('sent', sent))
-        # Two periods may be jitter and count as one; of more that were left out, up to five count.
-        periods = 1.0 if self.stepped is None else (self.now - self.stepped) * 1e-9 / path.period
-        self.seconds = path.period * (min(periods, 5.0) if periods > 2.0 else 1.0)
+        # Where time stands still, a hold counts a period; of a pause, all but five slow down.
+        elapsed = path.period if self.stepped is None else (self.now - self.stepped) * 1e-9
+        elapsed = elapsed if elapsed > 0.0 else path.period if path.holds else 1e-9
+        self.seconds = min(elapsed, 5.0 * path.period)
         self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
         if path.holds or (path.timeout and age_ns is not None
@@ -400,6 +401,9 @@ class CommandEpisode(Episode):
         for target, limits, before, now in (
                 (self.target[0], path.linear_limits, last.linear, sent.linear),
                 (self.target[1], path.angular_limits, last.angular, sent.angular)):
+            slowed = abs(before) - self.slowing(limits, before) * (elapsed - self.seconds)
+            if elapsed > self.seconds:
+                before = math.copysign(max(slowed, 0.0), before)
             self.judge_axis(target, limits, before, now, is_limited)
 
     def judge_axis(

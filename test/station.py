@@ -8,6 +8,7 @@ import time
 
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -118,12 +119,17 @@ def wait_until(
         time.sleep(pause)
 
 
-def is_ramp(steps: Iterable[float], size: float) -> bool:
-    """Return whether steps are of a size, or of up to five where a busy machine left some out."""
-    steps = sorted(steps)
-    return bool(
-        steps and size - 1e-9 < steps[0] and steps[-1] < 5.0 * size + 1e-9
-        and abs(steps[len(steps) // 2] - size) < 1e-9)
+def is_ramp(messages: Iterable[object], speeds: Iterable[float], rate: float) -> bool:
+    """
+    Return whether speeds change at a rate, by the stamps of the messages that have them.
+
+    A busy machine may stop the node between its two looks at the time, but seldom.
+    """
+    seconds = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+               for message in messages]
+    errors = np.abs(np.diff(list(speeds)) - rate * np.diff(seconds))
+    return bool(errors.size and np.median(errors) < abs(rate) * 2e-4
+                and errors.max() < abs(rate) * 0.02)
 
 
 def twist(linear: float, angular: float) -> Twist:

@@ -265,10 +265,67 @@ def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> Non
     for gap in gaps:
         now += gap * 20_000_000
         sent = path.step(now)
-        # A gap of two periods may still be jitter: it counts as one.
-        assert sent.linear >= max(0.0, 2.0 - (now - start) * 1e-9) - 1e-9
-    steps = sum(gap if gap > 2 else 1 for gap in gaps)
-    assert sent.linear == pytest.approx(max(0.0, 2.0 - 0.02 * steps), abs=1e-9)
+        assert sent.linear == pytest.approx(max(0.0, 2.0 - (now - start) * 1e-9), abs=1e-9)
+
+
+@given(st.floats(0.05, 50.0), st.booleans())
+def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new: bool) -> None:
+    """The wheels go on from where the robot would be, and not from where it was long ago."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=4.0, max_deceleration=-0.4), period=0.02)
+    now = BOOT_NS
+    for _ in range(100):
+        now += 20_000_000
+        path.accept(1.0, 0.0, now)
+        path.step(now)
+    now += round(pause * 1e9)
+    if is_new:
+        path.accept(1.0, 0.0, now)
+    left = path.step(now).linear
+    if is_new:
+        assert left == pytest.approx(min(1.0, max(0.0, 1.0 - 0.4 * max(pause - 0.1, 0.0)) + 0.4))
+    elif pause > 0.5 + 1e-6:
+        assert left == pytest.approx(max(0.0, 1.0 - 0.4 * pause))
+
+
+@given(st.lists(st.integers(0, 25), min_size=1, max_size=80))
+def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) -> None:
+    """Nor does a simulated clock that ticks more slowly than the commands go out."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+        max_velocity=5.0, max_acceleration=1.5), period=0.02)
+    path.accept(5.0, 0.0, BOOT_NS)
+    path.step(BOOT_NS)
+    now = BOOT_NS
+    for each in millis:
+        now += each * 1_000_000
+        assert path.step(now).linear <= 1.5 * (0.02 + (now - BOOT_NS) * 1e-9) + 1e-6
+
+
+def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
+    """A /clock that has died is a reason to stop, by the deceleration limit."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=5.0, max_deceleration=-2.0), period=0.02)
+    for k in range(50):
+        path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
+        path.step(BOOT_NS + k * 20_000_000)
+    path.hold('no clock', True)
+    speeds = [path.step(BOOT_NS + 49 * 20_000_000).linear for _ in range(30)]
+    assert speeds[:3] == pytest.approx([0.96, 0.92, 0.88])
+    assert speeds[-1] == 0.0
+
+
+@given(st.lists(st.integers(2, 120), min_size=1, max_size=60))
+def test_the_jerk_is_limited_whatever_the_steps_take(millis: list[int]) -> None:
+    """The acceleration changes by no more than the jerk times the time."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+        max_velocity=1000.0, max_jerk=20.0), period=0.025)
+    now, before, acceleration = BOOT_NS, path.step(BOOT_NS).linear, 0.0
+    path.accept(900.0, 0.0, now)
+    for each in millis:
+        now += each * 1_000_000
+        speed, seconds = path.step(now).linear, each * 1e-3
+        assert (speed - before) / seconds <= acceleration + 20.0 * seconds + 1e-6
+        before, acceleration = speed, (speed - before) / seconds
 
 
 def test_to_hold_for_a_moment_forgets_the_command() -> None:

@@ -4,6 +4,7 @@ import itertools
 import math
 import re
 import time
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diffdrive_ros.kinematics import DiffDrive
@@ -140,6 +141,57 @@ def test_a_software_stop_holds_the_wheels_until_a_command_after_it(
         lambda: not stands(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
 
 
+def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
+        station: Station, make: Make, said: Said) -> None:
+    """The last reason is the one that counts."""
+    make()
+    driving(station)
+    station.say('cmd_vel', twist(math.nan, 0.0))
+    wait_until(lambda: 'must be finite; wheels stopped' in said())
+    station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
+    wait_until(lambda: 'disabled by ~/enable; wheels stopped' in said())
+
+
+def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) -> None:
+    """The next command is driven only where nothing does."""
+    make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    station.say_until(
+        lambda: station.call(SetBool, 'odometry/enable', SetBool.Request(data=True)).message
+        == 'the wheels are held: no usable joint_states', 'cmd_vel',
+        itertools.repeat(twist(0.4, 0.1)))
+
+
+def test_the_first_command_is_held_too_where_the_encoders_are_silent(
+        station: Station, make: Make) -> None:
+    """It is counted with the others."""
+    node = make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    wait_until(lambda: node._monitor.silence() > 0.2)
+    station.say('cmd_vel', twist(0.4, 0.1))
+    wait_until(lambda: node._command.counts['commands'])
+    assert node._command.counts['held'] == node._command.counts['commands']
+
+
+def test_a_clock_beyond_the_stamps_of_ros_is_refused(
+        station: Station, make: Make, said: Said) -> None:
+    """In 2038 their seconds end; joint_states without a stamp would have such a one."""
+    node = make()
+    node.get_clock = lambda: SimpleNamespace(
+        now=lambda: SimpleNamespace(nanoseconds=2**31 * 10**9 + 7))
+    station.say_until(lambda: 'must be before 2038' in said(), 'joint_states', (
+        joints(0, left_wheel_joint=0.1 * k, right_wheel_joint=0.2 * k) for k in itertools.count()))
+    assert node._feedback.counts['unreadable']
+
+
+def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
+    """In open loop the stamps are the clock's own."""
+    node = make(publish_rate=10.0)
+    hour = 3600 * 10**9
+    start = 10**18
+    due = [node._is_due(start + k * 50_000_000) for k in range(5)]
+    assert due == [True, False, True, False, True]
+    assert [node._is_due(start - hour + k * 50_000_000) for k in range(3)] == [True, False, True]
+
+
 def test_a_software_stop_before_any_command_holds_the_wheels_too(
         station: Station, make: Make) -> None:
     """Zeros go out, for somebody else may have set them turning."""
@@ -158,9 +210,8 @@ def test_the_twist_as_applied_is_published_when_asked_for(station: Station, make
     station.say_until(
         lambda: heard and heard[-1][1].twist.linear.x == 0.4, 'cmd_vel',
         itertools.repeat(twist(0.4, 0.1)))
-    speeds = [message.twist.linear.x for _, message in heard]
-    steps = np.diff([speed for speed in speeds if speed < 0.4])
-    assert is_ramp(steps, 0.02)
+    ramp = [message for _, message in heard if message.twist.linear.x < 0.4]
+    assert is_ramp(ramp, [message.twist.linear.x for message in ramp], 1.0)
     assert heard[0][1].header.frame_id == 'base_link'
 
 
@@ -176,10 +227,10 @@ def test_a_stop_keeps_to_the_deceleration_limit_and_not_to_the_jerk_limit(
     wait_until(lambda: stands(heard[-1][1]))
     left = [message.velocity[0] * LEFT_RADIUS for _, message in heard]
     last_full = max(k for k, speed in enumerate(left) if speed == pytest.approx(0.4))
-    slowing = left[last_full:]
-    end = slowing.index(0.0)
-    assert is_ramp([a - b for a, b in itertools.pairwise(slowing[:end])], 0.04)
-    assert not any(slowing[end:])
+    end = left.index(0.0, last_full)
+    ramp = [message for _, message in heard[last_full:end]]
+    assert is_ramp(ramp, left[last_full:end], -2.0)
+    assert not any(left[end:])
 
 
 def test_odom_is_thinned_out_to_the_publish_rate_by_stamp(station: Station, make: Make) -> None:
