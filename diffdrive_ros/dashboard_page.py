@@ -159,7 +159,7 @@ class Page:
         """Take what the hands of this page ask for at this moment."""
         try:
             number, sight = int(said['number']), float(said['sight']) / 1e3
-            twist = self._asked(said) if self.may_drive else STOP
+            twist = self._asked(said)
         except (KeyError, TypeError, ValueError, OverflowError):
             number, sight, twist = int(time.monotonic() * 1e6), math.nan, STOP
         if sight > self._seen:
@@ -167,7 +167,9 @@ class Page:
         elif said.get('visible'):
             self._unseen = min(self._unseen, MOST_UNSEEN - 1)
         self._robot.publish(self._robot.pilot.beat(
-            self.identity, Beat(number, sight, twist, bool(said.get('lost'))), time.monotonic()))
+            self.identity, Beat(
+                number, sight, twist, bool(said.get('lost')),
+                self.may_drive and not self._robot.is_disabled), time.monotonic()))
 
     def _asked(self, said: Mapping[str, Any]) -> Twist:
         fastest = self._linear.value, self._angular.value

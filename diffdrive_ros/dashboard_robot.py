@@ -60,6 +60,9 @@ class DashboardRobot:
             if self.truth:
                 self.tracks['truth'].add(*self.truth[:2])
         self.wheels = self._wheel_speeds()
+        reason = self.reason_not_to_drive or ('the node is disabled' if self.is_disabled else '')
+        if reason:
+            self.publish(self.pilot.disarm(reason))
 
     def look_around(self) -> None:
         """Take in who is there; slower than what they say."""
@@ -87,7 +90,7 @@ class DashboardRobot:
         """Return whether the node holds the wheels because somebody asked it to."""
         now = time.monotonic()
         return any(DISABLED in status.message and now - heard_at < DIAGNOSTICS_SILENT
-                   for heard_at, status in self.node.diagnostics.values())
+                   for heard_at, status in list(self.node.diagnostics.values()))
 
     @property
     def reason_not_to_drive(self) -> str:

@@ -22,13 +22,15 @@ class Beat:
     """
     What a page asks for; number grows from beat to beat, sight is when its picture was sent.
 
-    lost: its controls were taken out of the driver's hands, who may hold them still.
+    lost: its controls were taken out of the driver's hands, who may hold them still. may_drive:
+    whether the robot may be driven, and by this page.
     """
 
     number: int
     sight: float
     twist: Twist
     lost: bool = False
+    may_drive: bool = True
 
 
 @dataclass
@@ -37,6 +39,7 @@ class _Seat:
 
     number: int = -1
     is_armed: bool = False
+    is_held: bool = False
     complaint: str = ''
 
 
@@ -45,8 +48,8 @@ class Pilot:
     Decides on each beat; the methods return the twist to publish now, or None for nothing.
 
     One page drives. A free wheel goes to the first that asks for motion; one that is taken
-    changes hands by take alone. After a stop that was not the driver's own wish, controls have to
-    come back to rest before they count.
+    changes hands by take alone. After anything but the driver's own wish kept them from being
+    driven, controls have to come back to rest before they count.
     """
 
     def __init__(self) -> None:
@@ -64,7 +67,8 @@ class Pilot:
 
     def complaint(self, page: str) -> str:
         """Return why what a page asked for was not driven, or no longer, for a person to read."""
-        return self._seats[page].complaint if page in self._seats else ''
+        seat = self._seats.get(page, _Seat())
+        return seat.complaint or ('keys or joystick were held before' if seat.is_held else '')
 
     def beat(self, page: str, beat: Beat, now: float) -> Twist | None:
         """Take a beat of a page."""
@@ -76,16 +80,17 @@ class Pilot:
             seat.complaint = 'this page was left, or held up'
         if not all(map(math.isfinite, (*beat.twist, beat.sight))):
             return self._trip(page, 'a command that is not finite')
+        if beat.twist != STOP and not beat.may_drive:
+            return self._pass_over(page)
         if not 0.0 <= now - beat.sight <= OLDEST_SIGHT:
             return self._trip(page, 'the connection is slow') if beat.twist != STOP else (
                 self._halt() if page == self.driver else None)
         if beat.twist == STOP:
-            seat.is_armed = True
+            seat.is_armed, seat.is_held = True, False
             return self._halt() if page == self.driver else None
-        if self.driver is None and seat.is_armed:
-            self.driver = page
-        if page != self.driver or not seat.is_armed or self.is_stopped:
-            return None
+        if self.is_stopped or not seat.is_armed or self.driver not in (None, page):
+            return self._pass_over(page)
+        self.driver = page
         seat.complaint = ''
         self._moving_since = now
         return beat.twist
@@ -119,13 +124,26 @@ class Pilot:
         self._halt()
         return STOP
 
+    def disarm(self, complaint: str) -> Twist | None:
+        """Stop a robot that may not be driven now; every page has to come to rest again."""
+        if self.driver and self.is_moving:
+            self._seats[self.driver].complaint = complaint
+        for seat in self._seats.values():
+            seat.is_armed = False
+        return self._halt()
+
     def resume(self) -> None:
         """Let commands be driven again."""
         self.is_stopped = False
 
     def _trip(self, page: str, complaint: str) -> Twist | None:
-        self._seats[page].is_armed = False
         self._seats[page].complaint = complaint
+        self._seats[page].is_armed = False
+        return self._halt() if page == self.driver else None
+
+    def _pass_over(self, page: str) -> Twist | None:
+        self._seats[page].is_held = True
+        self._seats[page].is_armed = False
         return self._halt() if page == self.driver else None
 
     def _halt(self) -> Twist | None:

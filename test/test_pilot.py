@@ -12,11 +12,13 @@ class Hands:
     def __init__(self) -> None:
         self.pilot, self.now, self._number = Pilot(), 100.0, 0
 
-    def beat(self, page, twist, *, seen=0.0, number=None, lost=False):
+    def beat(self, page, twist, *, seen=0.0, number=None, lost=False,
+             may_drive=True):
         """Send a beat of a page whose picture is seen seconds old."""
         self._number += 1
         return self.pilot.beat(page, Beat(
-            self._number if number is None else number, self.now - seen, twist, lost), self.now)
+            self._number if number is None else number, self.now - seen, twist, lost, may_drive),
+            self.now)
 
     def drive(self, page='a'):
         """Let a page drive that was at rest before."""
@@ -134,6 +136,7 @@ def test_a_stop_holds_everybody_until_it_is_released(hands):
     hands.beat('a', STOP)
     assert hands.beat('a', AHEAD) is None
     hands.pilot.resume()
+    hands.beat('a', STOP)
     assert hands.beat('a', AHEAD) == AHEAD
 
 
@@ -144,8 +147,64 @@ def test_keys_held_through_a_stop_do_not_drive_when_it_is_released(hands):
     assert hands.beat('a', AHEAD) is None
 
 
+def hold_until(hands, page, is_over):
+    """Hold a key that is not driven until that would be possible; assert that it needs a rest."""
+    assert hands.beat(page, AHEAD) is None
+    is_over()
+    assert hands.beat(page, AHEAD) is None
+    assert hands.pilot.complaint(page)
+    hands.drive(page)
+    assert not hands.pilot.complaint(page)
+
+
+def test_a_key_held_by_one_who_watches_does_not_drive_when_the_driver_leaves(hands):
+    hands.drive('a')
+    hands.beat('b', STOP)
+    hold_until(hands, 'b', lambda: hands.pilot.leave('a'))
+
+
+def test_a_key_held_by_who_drove_before_does_not_drive_when_the_taker_leaves(hands):
+    hands.drive('a')
+    hands.pilot.take('b')
+    hold_until(hands, 'a', lambda: hands.pilot.leave('b'))
+
+
+def test_a_key_pressed_during_a_stop_does_not_drive_when_it_is_released(hands):
+    hands.drive('a')
+    hands.pilot.stop()
+    hands.beat('a', STOP)
+    hold_until(hands, 'a', hands.pilot.resume)
+
+
+def test_a_page_that_may_not_drive_is_stopped_and_has_to_come_to_rest_when_it_may(hands):
+    hands.drive('a')
+    assert hands.beat('a', AHEAD, may_drive=False) == STOP
+    assert hands.beat('a', AHEAD) is None
+    hands.drive('a')
+
+
+def test_who_may_not_drive_gets_no_wheel_but_may_come_to_rest(hands):
+    hands.beat('a', STOP, may_drive=False)
+    assert hands.beat('a', AHEAD, may_drive=False) is None
+    assert hands.pilot.driver is None
+    hands.drive('a')
+
+
+def test_a_robot_that_may_not_be_driven_stops_once_and_everybody_has_to_come_to_rest(hands):
+    hands.drive('a')
+    hands.beat('b', STOP)
+    assert hands.pilot.disarm('odom is silent') == STOP
+    assert hands.pilot.disarm('odom is silent') is None
+    assert hands.pilot.complaint('a') == 'odom is silent'
+    assert hands.beat('a', AHEAD) is None
+    hands.pilot.leave('a')
+    assert hands.beat('b', AHEAD) is None
+    hands.drive('b')
+
+
 EVENTS = st.lists(st.tuples(
-    st.sampled_from(['beat', 'beat', 'beat', 'rest', 'take', 'leave', 'stop', 'resume']),
+    st.sampled_from([
+        'beat', 'beat', 'beat', 'rest', 'take', 'leave', 'stop', 'resume', 'disarm']),
     st.sampled_from('abc'), st.floats(0.0, 0.5), st.floats(0.0, 0.6)), max_size=60)
 
 
@@ -161,7 +220,7 @@ def test_whatever_happens_a_moving_robot_was_asked_to_by_its_driver_just_now(eve
             said.append(hands.beat(page, AHEAD if kind == 'beat' else STOP, seen=seen))
         else:
             act = getattr(hands.pilot, kind)
-            said.append(act(page) if kind in ('take', 'leave') else act())
+            said.append(act(page) if kind in ('take', 'leave', 'disarm') else act())
         for twist in said:
             if twist == AHEAD:
                 assert (kind, hands.pilot.driver) == ('beat', page)
