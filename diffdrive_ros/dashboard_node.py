@@ -77,7 +77,9 @@ class DashboardNode(Node):
 
     def __init__(self, odometry: str = 'odometry', **kwargs: Any) -> None:
         super().__init__('dashboard', **kwargs)
-        self._watched = odometry
+        self.watched = (  # as /parameter_events and /diagnostics have it
+            odometry if odometry.startswith('/')
+            else f'{self.get_namespace().rstrip("/")}/{odometry}')
         self.odom = Heard(self, Odometry, 'odom')
         self.truth = Heard(self, Odometry, 'ground_truth')
         self.joints = Heard(self, JointState, 'joint_states')
@@ -86,6 +88,7 @@ class DashboardNode(Node):
         self.parameters_changed_at = 0.0
         self.commands: Heard | None = None
         self.is_stamped = False
+        self._odom_publishers: set[bytes] = set()
         self._commander: Any = None
         self._set_pose = self.create_publisher(
             PoseWithCovarianceStamped, f'{odometry}/set_pose', QoSProfile(depth=10))
@@ -174,18 +177,27 @@ class DashboardNode(Node):
 
     def is_simulated(self) -> bool:
         """Return whether nothing but a simulator would move: what listens is it, and odometry."""
-        drivers = self._listeners('wheel_commands')
-        return drivers == {SIMULATOR} and self._listeners('cmd_vel') == {
-            self._watched.rpartition('/')[2]}
+        simulator = f'{self.get_namespace().rstrip("/")}/{SIMULATOR}'
+        return (self._listeners('wheel_commands') == [simulator]
+                and self._listeners('cmd_vel') == [self.watched])
 
     def other_commanders(self) -> Sequence[str]:
         """Return who else publishes on cmd_vel."""
         return sorted(end.node_name for end in self.get_publishers_info_by_topic('cmd_vel')
                       if end.node_name != self.get_name())
 
-    def _listeners(self, topic: str) -> set[str]:
-        return {end.node_name for end in self.get_subscriptions_info_by_topic(topic)
-                if end.node_name != self.get_name() and not end.node_name.startswith(LOOKERS)}
+    def newcomers_on_odom(self) -> bool:
+        """Return whether somebody publishes odom who did not when this was asked last."""
+        known, self._odom_publishers = self._odom_publishers, {
+            bytes(end.endpoint_gid) for end in self.get_publishers_info_by_topic('odom')}
+        return not self._odom_publishers <= known
+
+    def _listeners(self, topic: str) -> list[str]:
+        """Return the full names of those who listen, but for those who only look."""
+        return sorted(
+            full_name(end) for end in self.get_subscriptions_info_by_topic(topic)
+            if full_name(end) != self.get_fully_qualified_name()
+            and not end.node_name.startswith(LOOKERS))
 
     def _on_diagnostics(self, message: Any) -> None:
         now = time.monotonic()
@@ -193,8 +205,13 @@ class DashboardNode(Node):
             self.diagnostics[status.name] = now, status
 
     def _on_parameters(self, message: Any) -> None:
-        if message.node.rpartition('/')[2] == self._watched.rpartition('/')[2]:
+        if message.node == self.watched:
             self.parameters_changed_at = time.monotonic()
+
+
+def full_name(end: Any) -> str:
+    """Return the name of the node of an endpoint, with its namespace."""
+    return f'{end.node_namespace.rstrip("/")}/{end.node_name}'
 
 
 class Spinner:

@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 RECENT = 1.0  # [s] that a message stands for the robot as it is
 DIAGNOSTICS_SILENT = 3.0  # [s] after which a status, which comes once a second, is an old one
+LONGEST_TIMEOUT = 2.0  # [s] that a robot may drive on when this computer fails
 DISABLED = 'disabled by ~/enable'  # as /diagnostics has it
 
 Pose = tuple[float, float, float]
@@ -27,12 +28,16 @@ class DashboardRobot:
         self.tracks = {'odom': Track(), 'truth': Track()}
         self.drive = parameters.drive({spec.name: spec.default for spec in parameters.GEOMETRY})
         self.parameters: list[RemoteParameter] = []
+        self.is_silent = True
         self.is_simulated = False
         self.other_commanders: Sequence[str] = ()
         self.odom: Pose | None = None
         self.truth: Pose | None = None
         self.wheels = (0.0, 0.0)
         self.ellipse: tuple[float, float, float] | None = None
+        self._is_known = False
+        self._forgotten = 0
+        self._learned_at = 0.0
         self._frame = 'odom'
         self._joints: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
         self._directions = (1.0, 1.0)
@@ -45,7 +50,13 @@ class DashboardRobot:
     def look(self) -> None:
         """Take in what has been heard."""
         odom, truth = self.node.odom, self.node.truth
-        if odom.age < RECENT:
+        was_silent, self.is_silent = self.is_silent, odom.age > RECENT
+        has_newcomers = self.node.newcomers_on_odom()
+        if has_newcomers or self.is_silent != was_silent:
+            self._forget()  # it may be another process, which was started with other parameters
+        if has_newcomers:
+            self.odom = None
+        if not self.is_silent:
             message = odom.message
             self.odom = pose_of(message) or self.odom
             if self.odom:
@@ -70,10 +81,10 @@ class DashboardRobot:
         self.other_commanders = self.node.other_commanders()
 
     @property
-    def twist(self) -> Twist:
-        """Return how the robot moves by its odometry."""
+    def twist(self) -> Twist | None:
+        """Return how the robot moves by its odometry, if it tells."""
         if self.node.odom.age > RECENT:
-            return 0.0, 0.0
+            return None
         measured = self.node.odom.message.twist.twist
         return measured.linear.x, measured.angular.z
 
@@ -89,32 +100,55 @@ class DashboardRobot:
     def is_disabled(self) -> bool:
         """Return whether the node holds the wheels because somebody asked it to."""
         now = time.monotonic()
-        return any(DISABLED in status.message and now - heard_at < DIAGNOSTICS_SILENT
-                   for heard_at, status in list(self.node.diagnostics.values()))
+        return any(
+            DISABLED in status.message and now - heard_at < DIAGNOSTICS_SILENT
+            for name, (heard_at, status) in list(self.node.diagnostics.items())
+            if name.startswith(f'{self.node.watched}: '))
 
     @property
     def reason_not_to_drive(self) -> str:
         """Return why no page may drive this robot, if so."""
-        timeout = next((
-            each.value for each in self.parameters if each.name == 'cmd_vel_timeout'), None)
-        if timeout is None:
+        waits_for_command = self._is_known and self.odom is None and self.value('open_loop')
+        if self.is_silent and not waits_for_command:
+            return 'odom is silent'
+        if not self._is_known:
             return 'its parameters are not known yet'
+        timeout = float(self.value('cmd_vel_timeout'))
         if not timeout:
             return 'its cmd_vel_timeout is 0, so that nothing would stop it if this computer fails'
+        if not timeout <= LONGEST_TIMEOUT:
+            return (f'its cmd_vel_timeout is {timeout:g} s, above {LONGEST_TIMEOUT:g} s: so long '
+                    'it would drive on if this computer fails')
         return ''
+
+    def value(self, name: str) -> Any:
+        """Return the value of a parameter as it was learned last, or None."""
+        return next((each.value for each in self.parameters if each.name == name), None)
+
+    @property
+    def needs_to_learn(self) -> bool:
+        """Return whether the parameters are not known, or not as they are now."""
+        return not self._is_known or self._learned_at <= self.node.parameters_changed_at
 
     async def learn(self) -> None:
         """Read the parameters of the node, and what follows from them; raises NoAnswerError."""
-        self.parameters = await remote_parameters.read_all(self.node.ask)
-        values = {each.name: each.value for each in self.parameters}
+        before, forgotten = time.monotonic(), self._forgotten
+        learned = await remote_parameters.read_all(self.node.ask)
+        if self._forgotten != forgotten:
+            return  # these may be of a process that is no more
+        self.parameters = learned
+        values = {each.name: each.value for each in learned}
         try:
+            float(values['cmd_vel_timeout'])
             self.drive = parameters.drive(values)
             self._joints = parameters.wheel_names(values)
             self._directions = (
                 float(values['left_wheel_direction']), float(values['right_wheel_direction']))
             self.node.prepare(bool(values['enable_stamped_cmd_vel']))
-        except (KeyError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
+            self._is_known = False
             raise NoAnswerError(f'this is another node than odometry: {error}') from None
+        self._is_known, self._learned_at = True, before
 
     async def set_parameter(self, name: str, text: str) -> str:
         """Set a parameter to what a person wrote; return why not, or nothing."""
@@ -138,6 +172,10 @@ class DashboardRobot:
         """Set odometry to a pose."""
         x, y, theta = pose
         self.node.set_pose(x, y, theta, self._frame)
+
+    def _forget(self) -> None:
+        self._is_known = False
+        self._forgotten += 1
 
     def _wheel_speeds(self) -> tuple[float, float]:
         """Return the mean speed of each side, forward positive [rad/s]."""

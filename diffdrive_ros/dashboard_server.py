@@ -13,7 +13,7 @@ from diffdrive_ros.robot_processes import RobotEndedError, RobotProcesses
 from diffdrive_ros.web_guard import WebGuard
 from nicegui import app, Client, ui
 
-WATCH, PICTURE, NUMBERS, SURROUNDINGS = 0.02, 0.05, 0.2, 1.0  # [s] between two of each
+WATCH, PICTURE, NUMBERS, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 0.2, 1.0  # [s] between two
 RECONNECT = 3.0  # [s] after which a page that lost its connection is forgotten
 
 
@@ -26,13 +26,12 @@ class Server:
         self._processes = processes
         self._pages: dict[str, Page] = {}
         self._tasks: list[asyncio.Task[None]] = []
-        self._learned_at = 0.0
 
     def start(self) -> None:
         """Begin to keep them; in the loop of the server."""
         for period, act in (
                 (WATCH, self._watch), (PICTURE, self._picture), (NUMBERS, self._numbers),
-                (SURROUNDINGS, self._surroundings)):
+                (LEARN, self._learn), (SURROUNDINGS, self._surroundings)):
             self._tasks.append(asyncio.get_running_loop().create_task(_every(period, act)))
 
     def welcome(self, client: Client) -> None:
@@ -77,10 +76,10 @@ class Server:
                 self.failure = error
                 app.shutdown()
         self._robot.look_around()
-        if self._learned_at <= self._robot.node.parameters_changed_at:
-            before = time.monotonic()
+
+    async def _learn(self) -> None:
+        if self._robot.needs_to_learn:
             await self._robot.learn()
-            self._learned_at = before
 
 
 async def _every(period: float, act: Callable[[], Awaitable[None]]) -> None:

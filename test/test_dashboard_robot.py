@@ -1,0 +1,172 @@
+"""The robot as the dashboard sees it, and when it may be driven; over DDS, without a browser."""
+import asyncio
+from collections.abc import Callable
+import time
+from types import SimpleNamespace
+
+from diffdrive_ros.dashboard_node import DashboardNode
+from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED
+from diffdrive_ros.odometry_node import OdometryNode
+from diffdrive_ros.pilot import Beat, STOP
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from station import Station, wait_until
+
+AHEAD = (0.3, 0.0)
+
+
+@pytest.fixture
+def node(station: Station) -> DashboardNode:
+    """Return the dashboard's side of ROS."""
+    return station.add(DashboardNode(context=station.context))
+
+
+@pytest.fixture
+def robot(node: DashboardNode) -> DashboardRobot:
+    """Return the robot as it sees it."""
+    return DashboardRobot(node)
+
+
+@pytest.fixture
+def hear_odom(station: Station, robot: DashboardRobot) -> Callable[[], DashboardRobot]:
+    """Return a function that lets the robot hear odom, just now, and look."""
+    def hear() -> DashboardRobot:
+        def is_heard() -> bool:
+            station.say('odom', Odometry())
+            robot.look()
+            return robot.node.odom.age < 0.1
+
+        wait_until(is_heard, pause=0.01)
+        robot.look()
+        return robot
+
+    return hear
+
+
+def learn(robot: DashboardRobot) -> None:
+    """Let the robot learn its parameters."""
+    asyncio.run(robot.learn())
+
+
+def drive(robot: DashboardRobot) -> None:
+    """Let a page drive."""
+    for number, twist in enumerate((STOP, AHEAD)):
+        now = time.monotonic()
+        robot.publish(robot.pilot.beat('a', Beat(number, now, twist), now))
+    assert robot.pilot.is_moving
+
+
+def test_a_robot_is_not_driven_before_its_parameters_are_known(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """And then it is."""
+    make()
+    robot = hear_odom()
+    assert 'not known yet' in robot.reason_not_to_drive
+    learn(hear_odom())
+    assert hear_odom().reason_not_to_drive == ''
+
+
+@pytest.mark.parametrize(('timeout', 'words'), [
+    (0.0, 'is 0'), (2.001, 'above 2 s'), (1e9, 'above 2 s')])
+def test_a_robot_that_would_drive_on_for_long_is_not_driven(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot],
+        timeout: float, words: str) -> None:
+    """Should this computer fail."""
+    make(cmd_vel_timeout=timeout)
+    learn(hear_odom())
+    assert words in hear_odom().reason_not_to_drive
+
+
+def test_an_odometry_that_started_anew_is_not_driven_before_it_is_known(
+        station: Station, make: Callable[..., OdometryNode],
+        hear_odom: Callable[[], DashboardRobot]) -> None:
+    """A new publisher of odom may have other parameters than the last."""
+    odometry = make()
+    learn(hear_odom())
+    robot = hear_odom()
+    drive(robot)
+    station.node.create_publisher(Odometry, 'odom', 1)
+    wait_until(lambda: 'not known yet' in hear_odom().reason_not_to_drive)
+    assert not robot.pilot.is_moving
+    assert robot.needs_to_learn
+    odometry.set_parameters([Parameter('cmd_vel_timeout', value=0.0)])
+    learn(robot)
+    assert 'is 0' in hear_odom().reason_not_to_drive
+
+
+def test_what_was_asked_of_the_odometry_before_is_not_believed(
+        station: Station, make: Callable[..., OdometryNode],
+        hear_odom: Callable[[], DashboardRobot]) -> None:
+    """The answer came from a process that is no more."""
+    make()
+    robot = hear_odom()
+    ask = robot.node.ask
+
+    async def ask_slowly(service: str, request: object) -> object:
+        answer = await ask(service, request)
+        if service == 'get_parameters':
+            station.node.create_publisher(Odometry, 'odom', 1)
+            wait_until(lambda: hear_odom() and robot._forgotten > forgotten)
+        return answer
+
+    forgotten, robot.node.ask = robot._forgotten, ask_slowly
+    learn(robot)
+    assert 'not known yet' in robot.reason_not_to_drive
+
+
+def test_a_robot_whose_odom_falls_silent_is_stopped_and_not_driven(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """Its driver would be blind; when it is back, it is learned anew."""
+    make()
+    learn(hear_odom())
+    robot = hear_odom()
+    assert robot.twist == (0.0, 0.0)
+    drive(robot)
+    wait_until(lambda: robot.look() or robot.reason_not_to_drive == 'odom is silent')
+    assert not robot.pilot.is_moving
+    assert robot.pilot.complaint('a') == 'odom is silent'
+    assert robot.twist is None
+    assert 'not known yet' in hear_odom().reason_not_to_drive
+
+
+def test_in_open_loop_the_first_command_comes_before_the_first_odom(
+        make: Callable[..., OdometryNode], robot: DashboardRobot) -> None:
+    """The node is silent until then, and not by a fault."""
+    make(open_loop=True)
+    wait_until(lambda: robot.look() or robot.node.newcomers_on_odom() or robot._forgotten)
+    learn(robot)
+    assert robot.reason_not_to_drive == ''
+
+
+def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:
+    """Not that of another robot on the same network."""
+    status = time.monotonic(), SimpleNamespace(message=DISABLED)
+    robot.node.diagnostics['/robot2/odometry: commands'] = status
+    robot.node.diagnostics['/odometry2: commands'] = status
+    assert not robot.is_disabled
+    robot.node.diagnostics['/odometry: commands'] = status
+    assert robot.is_disabled
+
+
+@pytest.mark.parametrize(('name', 'namespace', 'topic'), [
+    ('odometry', '/', '/cmd_vel'), ('odometry', '/robot2', '/cmd_vel'),
+    ('simulator', '/', '/wheel_commands'), ('simulator', '/robot2', '/wheel_commands'),
+    ('motor_driver', '/', '/wheel_commands')])
+def test_a_robot_is_simulated_where_one_odometry_and_one_simulator_listen_alone(
+        station: Station, make: Callable[..., OdometryNode], node: DashboardNode,
+        name: str, namespace: str, topic: str) -> None:
+    """Whatever a further listener is called, and wherever it lives."""
+    make()
+    simulator = Node('simulator', context=station.context)
+    simulator.create_subscription(JointState, 'wheel_commands', print, 1)
+    wait_until(node.is_simulated)
+    other = Node(name, namespace=namespace, context=station.context)
+    kind = Twist if topic == '/cmd_vel' else JointState
+    other.create_subscription(kind, topic, print, 1)
+    wait_until(lambda: not node.is_simulated())
+    other.destroy_node()
+    simulator.destroy_node()
