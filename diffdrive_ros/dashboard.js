@@ -62,12 +62,13 @@ const pad = {
     hand.lost = false;
   },
   down(event) {
-    if (event.code === 'Escape') {
-      if (document.querySelector('.q-dialog, .q-menu')) return this.rest(); // it closes that
+    if (event.key === 'Escape') {
       letGo();
       hand.lost = false;
       return this.$emit('halt');
     }
+    // macOS tells no release of a key while this one is down.
+    if (event.key === 'Meta') return this.rest();
     const key = KEYS[event.code];
     const busy = event.target.closest?.(event.code.startsWith('Arrow')
       ? 'input, textarea, select, [role=tab], [role=listbox], [role=combobox]'

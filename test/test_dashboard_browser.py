@@ -288,6 +288,28 @@ def test_the_robot_stops_when_it_is_let_go(
         drive_off(hands, robot)
 
 
+def test_escape_is_stop_while_a_list_is_open(hands: Hands, robot: Robot) -> None:
+    """It closes the list too."""
+    open_tab(hands, 'Parameters')
+    hands.page.get_by_label('linear.x.has_jerk_limits', exact=True).click()
+    hands.page.locator('.q-menu').wait_for()
+    hands.page.keyboard.press('Escape')
+    hands.wait_for('STOPPED')
+    hands.page.locator('.q-menu').wait_for(state='detached')
+    hands.page.get_by_role('button', name='Release the stop').click()
+    hands.wait_for('press')
+
+
+def test_meta_lets_go_of_a_key_whose_release_would_not_be_told(
+        hands: Hands, robot: Robot) -> None:
+    """As on macOS, for every key while Meta is down."""
+    drive_off(hands, robot)
+    moment = time.monotonic()
+    hands.page.keyboard.down('Meta')
+    assert robot.stopped_after(moment) < TIMEOUT
+    hands.page.keyboard.up('Meta')
+
+
 def test_a_held_key_that_was_stopped_needs_a_new_press(hands: Hands, robot: Robot) -> None:
     """The keyboard goes on repeating it, and that is no new press."""
     drive_off(hands, robot)
@@ -612,9 +634,54 @@ def test_a_real_robot_is_only_shown_until_the_user_says_otherwise(
     hands.page.wait_for_timeout(300)
     hands.wait_for('A real robot')
     hands.page.get_by_role('button', name='Drive this real robot').click()
+    hands.page.get_by_role('button', name='Drive it', exact=True).wait_for()
+    press_stop(hands)  # beside the question, which covers all else
+    hands.wait_for('STOPPED')
     hands.page.get_by_role('button', name='Drive it', exact=True).click()
+    hands.page.get_by_role('button', name='Release the stop').click()
     hands.wait_for('Nobody drives')
     drive_off(hands, robot)
+
+
+def test_a_key_held_since_a_real_robot_was_there_does_not_drive_the_simulated_one(
+        watch: Callable[..., Dashboard], start: Callable[..., Process], looker: Station,
+        station: Station, visit: Callable[..., Hands]) -> None:
+    """It has to be released first."""
+    start('simulator_node')
+    start('odometry_node')
+    robot = Robot(looker)
+    driver = station.node.create_subscription(JointState, 'wheel_commands', print, 1)
+    hands = visit(watch().url)
+    hands.wait_for('A real robot')
+    hands.page.keyboard.down('w')
+    hands.page.wait_for_timeout(200)
+    station.node.destroy_subscription(driver)
+    hands.wait_for('Let go, and press again')
+    assert robot.commands == []
+    hands.page.keyboard.up('w')
+    drive_off(hands, robot)
+
+
+def test_an_odometry_that_is_killed_and_started_anew_is_looked_at_anew(
+        watch: Callable[..., Dashboard], start: Callable[..., Process], looker: Station,
+        visit: Callable[..., Hands]) -> None:
+    """It has no timeout now, so it is driven no more."""
+    start('simulator_node')
+    odometry = start('odometry_node')
+    robot = Robot(looker)
+    hands = visit(watch().url)
+    hands.wait_for('Nobody drives')
+    drive_off(hands, robot)
+    odometry.signal(signal.SIGKILL)
+    hands.wait_for('odom is silent')
+    hands.page.get_by_text('measured not told').wait_for()
+    hands.page.keyboard.up('w')
+    start('odometry_node', cmd_vel_timeout=0.0)
+    hands.wait_for('cmd_vel_timeout is 0')
+    hands.page.keyboard.down('w')
+    count = len(robot.commands)
+    hands.page.wait_for_timeout(500)
+    assert robot.twists_since(count) == []
 
 
 def test_a_robot_without_a_timeout_is_not_driven(
@@ -630,6 +697,13 @@ def test_a_robot_without_a_timeout_is_not_driven(
     hands.page.wait_for_timeout(500)
     hands.page.keyboard.up('w')
     assert robot.commands == []
+    open_tab(hands, 'Parameters')
+    field = hands.page.get_by_label('cmd_vel_timeout', exact=True)
+    field.fill('0.5')
+    field.press('Enter')
+    field.blur()
+    hands.wait_for('Nobody drives')
+    drive_off(hands, robot)
 
 
 # For everybody
