@@ -35,13 +35,11 @@ class Page:
     @property
     def may_drive(self) -> bool:
         """Return whether this page may move the robot that is there."""
-        return not self._robot.reason_not_to_drive and (
-            self._robot.is_simulated or self._is_unlocked)
+        return not self._robot.reason_not_to_drive and self._may_touch
 
     @property
-    def may_change(self) -> bool:
-        """Return whether this page may set something: nobody else drives."""
-        return self.may_drive and self._robot.pilot.driver in (None, self.identity)
+    def _may_touch(self) -> bool:
+        return self._robot.is_simulated or self._is_unlocked
 
     def show(self, now: float) -> None:
         """Send a picture, unless those before it were not even drawn."""
@@ -202,14 +200,14 @@ class Page:
 
     def refuses(self) -> bool:
         """Return whether this page may change nothing now, and say so if that is so."""
-        if reason := self._robot.reason_not_to_drive:
-            ui.notify(f'The page only shows this robot: {reason}', type='warning')
-        elif not self.may_drive:
+        if not self._may_touch:
             ui.notify('This robot is a real one: the page shows it, until you choose '
                       '“Drive this real robot”.', type='warning')
-        elif not self.may_change:
+            return True
+        if self._robot.pilot.driver not in (None, self.identity):
             ui.notify('Another page drives: take the wheel first.', type='warning')
-        return not self.may_change
+            return True
+        return False
 
     def halt(self) -> None:
         """Stop the robot, whoever drives it, and have the node hold it."""
@@ -273,7 +271,7 @@ class Page:
             return 'STOPPED: the wheels are held until the stop is released'
         if reason := robot.reason_not_to_drive:
             return f'The page only shows this robot: {reason}'
-        if not self.may_drive:
+        if not self._may_touch:
             return 'A real robot: this page only shows it'
         if pilot.driver and not is_ours:
             return 'Another page drives'
