@@ -200,7 +200,7 @@ const chart = {
     return this.touched?.pose ?? this.frame.odom;
   },
   wheels() {
-    return this.touched?.wheels ?? this.frame.wheels;
+    return this.touched?.wheels ?? this.frame.wheels ?? [0, 0];
   },
   // The robot as it is drawn: never smaller than a finger.
   shape([x, y, theta]) {

@@ -1,6 +1,7 @@
 """The dashboard's ear and hand on ROS: what it hears is kept raw and opened when it is drawn."""
 import asyncio
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
 import math
 import threading
 import time
@@ -23,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 # Best effort: the node that is watched has nobody more to wait for or to send to again.
 WATCHING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NEWEST_ONLY = QoSProfile(depth=1)
+WHEELS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 LONGEST_ANSWER = 3.0  # [s] that a service may take
 LONGEST_LAST_WORD = 0.5  # [s] to wait until the last stop was heard
@@ -67,6 +69,29 @@ class Heard:
         self._raw, self._at = raw, time.monotonic()
 
 
+class HeardJoints:
+    """The newest speed of each joint, whoever tells it and with whichever others."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._raw: deque[tuple[float, bytes]] = deque(maxlen=WHEELS.depth)
+        self._speeds: dict[str, tuple[float, float]] = {}
+        node.create_subscription(JointState, topic, self._take, WHEELS, raw=True)
+
+    def speeds(self, recent: float) -> Mapping[str, float]:
+        """Return the finite speeds that were told within the last seconds [rad/s]."""
+        while self._raw:
+            at, raw = self._raw.popleft()
+            message = deserialize_message(raw, JointState)
+            for name, speed in zip(message.name, message.velocity, strict=False):
+                if math.isfinite(speed):
+                    self._speeds[name] = at, speed
+        now = time.monotonic()
+        return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
+
+    def _take(self, raw: bytes) -> None:
+        self._raw.append((time.monotonic(), raw))
+
+
 class DashboardNode(Node):
     """
     Hears the robot, and commands it when the page says so.
@@ -82,7 +107,7 @@ class DashboardNode(Node):
             else f'{self.get_namespace().rstrip("/")}/{odometry}')
         self.odom = Heard(self, Odometry, 'odom')
         self.truth = Heard(self, Odometry, 'ground_truth')
-        self.joints = Heard(self, JointState, 'joint_states')
+        self.joints = HeardJoints(self, 'joint_states')
         self.applied = Heard(self, TwistStamped, f'{odometry}/cmd_vel_out')
         self.diagnostics: dict[str, tuple[float, Any]] = {}
         self.parameters_changed_at = 0.0
@@ -112,15 +137,6 @@ class DashboardNode(Node):
         self.is_stamped = is_stamped
         self._commander = self.create_publisher(kind, 'cmd_vel', NEWEST_ONLY)
         self.commands = Heard(self, kind, 'cmd_vel')
-
-    @property
-    def commanded(self) -> PilotTwist | None:
-        """Return the newest command, whoever gave it."""
-        if self.commands is None or self.commands.message is None:
-            return None
-        message = self.commands.message
-        twist = message.twist if self.is_stamped else message
-        return twist.linear.x, twist.angular.z
 
     def command(self, twist: PilotTwist) -> None:
         """Publish a command, once."""

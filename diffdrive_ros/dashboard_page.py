@@ -69,12 +69,13 @@ class Page:
     def refresh(self) -> None:
         """Renew the numbers; slower than the picture."""
         robot = self._robot
+        hint = '' if robot.applied or robot.value('publish_limited_velocity') else (
+            ': publish_limited_velocity is false')
         self._speeds.set_text(
-            f'wheels   {robot.wheels[0]:7.2f} {robot.wheels[1]:7.2f} rad/s\n'
-            f'asked    {_said(robot.node.commanded)}\n'
-            f'applied  {_said(robot.applied)}\n'
-            f'measured {_said(robot.twist)}' + ''.join(
-                f'\n{name} is on cmd_vel too' for name in robot.other_commanders))
+            f'wheels   {_numbers(robot.wheels, "", "rad/s")}\n'
+            f'asked    {_said(robot.asked)}\n'
+            f'applied  {_said(robot.applied)}{hint}\n'
+            f'measured {_said(robot.twist)}')
         self._kinematics.refresh()
         self._diagnostics.refresh()
         self._parameters.refresh()
@@ -281,4 +282,11 @@ class Page:
 
 
 def _said(twist: Twist | None) -> str:
-    return 'not told' if twist is None else f'{twist[0]:7.2f} m/s {twist[1]:6.2f} rad/s'
+    return _numbers(twist, 'm/s ', 'rad/s')
+
+
+def _numbers(pair: tuple[float, float] | None, first: str, second: str) -> str:
+    if pair is None:
+        return 'not told'
+    one, other = (round(value, 2) + 0.0 for value in pair)  # no -0.00
+    return f'{one:7.2f} {first}{other:6.2f} {second}'

@@ -74,7 +74,8 @@ class KinematicsPanel:
         if time.monotonic() - self._touched_at > 1.0:
             self._pose = None
         pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
-        speeds = self.wheels if self._are_wheels_touched else self._robot.wheels
+        told = self.wheels if self._are_wheels_touched else self._robot.wheels
+        speeds = told or (math.nan, math.nan)
         self._source.set_text(
             'As you touch it' if self._pose or self._are_wheels_touched else 'As it is now')
         self._text.set_text(kinematics_text.equations(self._robot.drive, pose, speeds))

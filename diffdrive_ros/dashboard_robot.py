@@ -33,7 +33,7 @@ class DashboardRobot:
         self.other_commanders: Sequence[str] = ()
         self.odom: Pose | None = None
         self.truth: Pose | None = None
-        self.wheels = (0.0, 0.0)
+        self.wheels: tuple[float, float] | None = None
         self.ellipse: tuple[float, float, float] | None = None
         self._is_known = False
         self._forgotten = 0
@@ -87,6 +87,16 @@ class DashboardRobot:
             return None
         measured = self.node.odom.message.twist.twist
         return measured.linear.x, measured.angular.z
+
+    @property
+    def asked(self) -> Twist | None:
+        """Return the newest command, whoever gave it, if it is one of now."""
+        commands = self.node.commands
+        if commands is None or commands.age > RECENT:
+            return None
+        message = commands.message
+        twist = message.twist if self.node.is_stamped else message
+        return twist.linear.x, twist.angular.z
 
     @property
     def applied(self) -> Twist | None:
@@ -177,15 +187,18 @@ class DashboardRobot:
         self._is_known = False
         self._forgotten += 1
 
-    def _wheel_speeds(self) -> tuple[float, float]:
-        """Return the mean speed of each side, forward positive [rad/s]."""
-        if self.node.joints.age > RECENT:
-            return 0.0, 0.0
-        message = self.node.joints.message
-        speeds = dict(zip(message.name, message.velocity, strict=False))
-        left, right = (
-            direction * _mean([speeds[name] for name in names if name in speeds])
-            for names, direction in zip(self._joints, self._directions, strict=True))
+    def _wheel_speeds(self) -> tuple[float, float] | None:
+        """Return the mean speed of each side, forward positive [rad/s]; by odom if need be."""
+        told = self.node.joints.speeds(RECENT)
+        sides = [[told[name] for name in names if name in told] for names in self._joints]
+        if all(sides):
+            left, right = (
+                direction * sum(side) / len(side)
+                for side, direction in zip(sides, self._directions, strict=True))
+            return left, right
+        if self.twist is None:
+            return None
+        left, right = map(float, self.drive.wheel_speeds(*self.twist))
         return left, right
 
 
@@ -196,8 +209,3 @@ def pose_of(message: Any) -> Pose | None:
     if not all(map(math.isfinite, (position.x, position.y, theta))):
         return None
     return position.x, position.y, math.remainder(theta, 2.0 * math.pi)
-
-
-def _mean(values: Sequence[float]) -> float:
-    finite = [value for value in values if math.isfinite(value)]
-    return sum(finite) / len(finite) if finite else 0.0

@@ -14,7 +14,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from station import Station, wait_until
+from station import GEOMETRY, Station, twist, wait_until
 
 AHEAD = (0.3, 0.0)
 
@@ -54,9 +54,9 @@ def learn(robot: DashboardRobot) -> None:
 
 def drive(robot: DashboardRobot) -> None:
     """Let a page drive."""
-    for number, twist in enumerate((STOP, AHEAD)):
+    for number, asked in enumerate((STOP, AHEAD)):
         now = time.monotonic()
-        robot.publish(robot.pilot.beat('a', Beat(number, now, twist), now))
+        robot.publish(robot.pilot.beat('a', Beat(number, now, asked), now))
     assert robot.pilot.is_moving
 
 
@@ -140,6 +140,57 @@ def test_in_open_loop_the_first_command_comes_before_the_first_odom(
     wait_until(lambda: robot.look() or robot.node.newcomers_on_odom() or robot._forgotten)
     learn(robot)
     assert robot.reason_not_to_drive == ''
+
+
+def speeds(**wheels: float) -> JointState:
+    """Return a message with speeds of joints [rad/s] by their names, and no positions."""
+    return JointState(name=list(wheels), velocity=[float(speed) for speed in wheels.values()])
+
+
+@pytest.mark.parametrize('messages', [
+    [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0)],
+    [speeds(left_wheel_joint=5.0), speeds(right_wheel_joint=6.0)],
+    [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0), speeds(elbow=1.0),
+     JointState(name=['left_wheel_joint'], position=[1.0])]])
+def test_the_wheels_are_told_however_their_messages_are_cut(
+        station: Station, make: Callable[..., OdometryNode], robot: DashboardRobot,
+        messages: list[JointState]) -> None:
+    """In one, each in its own, or beside those of an arm."""
+    make()
+    learn(robot)
+
+    def is_told() -> bool:
+        for message in messages:
+            station.say('joint_states', message, listeners=2)
+        robot.look()
+        return robot.wheels == (5.0, 6.0)
+
+    wait_until(is_told, pause=0.02)
+
+
+def test_wheels_that_tell_no_speeds_turn_as_the_robot_moves(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot],
+        station: Station) -> None:
+    """By its odometry; and where that is silent too, nothing is told."""
+    make()
+    robot = hear_odom()
+    learn(robot)
+    assert hear_odom().wheels == (0.0, 0.0)
+    message = Odometry()
+    message.twist.twist.linear.x = GEOMETRY['wheel_radius']
+    station.say_until(
+        lambda: robot.look() or robot.wheels == pytest.approx(
+            (1.0, 1.0 / GEOMETRY['right_wheel_radius_multiplier'])),
+        'odom', iter(lambda: message, None))
+    wait_until(lambda: robot.look() or robot.wheels is None)
+
+
+def test_what_was_asked_long_ago_is_not_told(station: Station, robot: DashboardRobot) -> None:
+    """As of everything else that is told."""
+    robot.node.prepare(False)
+    station.say('cmd_vel', twist(0.2, 0.1))
+    wait_until(lambda: robot.asked == (0.2, 0.1))
+    wait_until(lambda: robot.asked is None)
 
 
 def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:
