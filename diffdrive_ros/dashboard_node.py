@@ -198,9 +198,11 @@ class DashboardNode(Node):
                 and self._listeners('cmd_vel') == [self.watched])
 
     def other_commanders(self) -> Sequence[str]:
-        """Return who else publishes on cmd_vel."""
-        return sorted(end.node_name for end in self.get_publishers_info_by_topic('cmd_vel')
-                      if end.node_name != self.get_name())
+        """Return who else publishes on cmd_vel: a second one of this name is another."""
+        found = sorted(map(full_name, self.get_publishers_info_by_topic('cmd_vel')))
+        if self._commander and self.get_fully_qualified_name() in found:
+            found.remove(self.get_fully_qualified_name())
+        return found
 
     def newcomers_on_odom(self) -> bool:
         """Return whether somebody publishes odom who did not when this was asked last."""

@@ -262,7 +262,9 @@ class Page:
             self.may_drive and pilot.driver is not None and not is_ours)
         self._unlock.set_visibility(
             robot.odom is not None and not (robot.is_simulated or self._is_unlocked))
-        self._status.set_text(self._state(is_ours, is_held))
+        others = robot.other_commanders
+        self._status.set_text(self._state(is_ours, is_held) + (
+            f' ({", ".join(others)} on cmd_vel too)' if others else ''))
 
     def _state(self, is_ours: bool, is_held: bool) -> str:
         robot, pilot = self._robot, self._robot.pilot

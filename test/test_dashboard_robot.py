@@ -193,6 +193,20 @@ def test_what_was_asked_long_ago_is_not_told(station: Station, robot: DashboardR
     wait_until(lambda: robot.asked is None)
 
 
+def test_others_who_command_are_told_also_if_they_are_called_the_same(
+        station: Station, node: DashboardNode) -> None:
+    """A second dashboard on the same robot is one too."""
+    node.prepare(False)
+    wait_until(lambda: node.get_publishers_info_by_topic('cmd_vel'))
+    assert node.other_commanders() == []
+    others = [DashboardNode(context=station.context), Node('teleop', context=station.context)]
+    others[0].prepare(False)
+    others[1].create_publisher(Twist, 'cmd_vel', 1)
+    wait_until(lambda: node.other_commanders() == ['/dashboard', '/teleop'])
+    for other in others:
+        other.destroy_node()
+
+
 def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:
     """Not that of another robot on the same network."""
     status = time.monotonic(), SimpleNamespace(message=DISABLED)
