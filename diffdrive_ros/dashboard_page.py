@@ -1,7 +1,6 @@
 """The page: one of it for each browser that looks at the robot."""
 from collections.abc import Awaitable, Mapping
 from functools import partial
-import math
 from pathlib import Path
 import time
 from typing import Any
@@ -11,7 +10,7 @@ from diffdrive_ros.dashboard_node import NoAnswerError
 from diffdrive_ros.dashboard_panels import DiagnosticsPanel, KinematicsPanel, ParametersPanel
 from diffdrive_ros.dashboard_robot import DashboardRobot
 from diffdrive_ros.dashboard_view import Limit, View
-from diffdrive_ros.pilot import Beat, STOP, Twist
+from diffdrive_ros.pilot import Beat, Twist
 from nicegui import ui
 
 MOST_UNSEEN = 6  # pictures on their way to a page; one that draws nothing gets no more
@@ -160,7 +159,8 @@ class Page:
             number, sight = int(said['number']), float(said['sight']) / 1e3
             twist = self._asked(said)
         except (KeyError, TypeError, ValueError, OverflowError):
-            number, sight, twist = int(time.monotonic() * 1e6), math.nan, STOP
+            self._robot.publish(self._robot.pilot.distrust(self.identity))
+            return
         if sight > self._seen:
             self._seen, self._unseen = sight, 0
         elif said.get('visible'):
@@ -225,8 +225,8 @@ class Page:
         return True
 
     async def _on_resume(self) -> None:
-        if not self.refuses() and await self.attempt(self._robot.hold(False)):
-            self._robot.pilot.resume()
+        if not self.refuses():
+            await self.attempt(self._robot.release())
 
     def _on_take(self) -> None:
         if self.may_drive:

@@ -164,7 +164,10 @@ class DashboardRobot:
         """Set a parameter to what a person wrote; return why not, or nothing."""
         kind = next(each.kind for each in self.parameters if each.name == name)
         reason = await remote_parameters.write(self.node.ask, name, kind, text)
-        await self.learn()
+        try:
+            await self.learn()
+        except NoAnswerError:  # it was set all the same, and is read again before one drives
+            self._forget()
         return reason
 
     async def hold(self, is_held: bool) -> str:
@@ -172,6 +175,15 @@ class DashboardRobot:
         answer = await self.node.ask('enable', SetBool.Request(data=not is_held))
         self.node.diagnostics.clear()  # they tell of before
         return str(answer.message)
+
+    async def release(self) -> str:
+        """Let the node and the pages drive again, unless stop was pressed meanwhile."""
+        stops = self.pilot.stops
+        word = await self.hold(False)
+        if self.pilot.stops != stops:
+            return await self.hold(True)
+        self.pilot.resume()
+        return word
 
     async def reset(self) -> str:
         """Set odometry to zero; return the node's word."""

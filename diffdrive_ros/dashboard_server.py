@@ -45,6 +45,7 @@ class Server:
 
         def join() -> None:
             self._pages[client.id] = page
+            page.refresh()  # nothing on it is empty while it is looked at
 
         client.on_connect(join)
         client.on_disconnect(close)

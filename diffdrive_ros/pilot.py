@@ -57,6 +57,8 @@ class Pilot:
         """The page that drives."""
         self.is_stopped = False
         """Whether somebody pressed stop; nothing is driven until resume."""
+        self.stops = 0
+        """How often somebody pressed it."""
         self._seats: dict[str, _Seat] = {}
         self._moving_since: float | None = None
 
@@ -95,6 +97,11 @@ class Pilot:
         self._moving_since = now
         return beat.twist
 
+    def distrust(self, page: str) -> Twist | None:
+        """Take note of a beat of a page that cannot be understood."""
+        self._seats.setdefault(page, _Seat())
+        return self._trip(page, 'this page says what cannot be understood')
+
     def watch(self, now: float) -> Twist | None:
         """Stop a robot whose driver has fallen silent; to be called all the time."""
         if self.driver and self._moving_since is not None and (
@@ -119,6 +126,7 @@ class Pilot:
     def stop(self) -> Twist:
         """Stop, whoever asks for it and whoever drives, until resume."""
         self.is_stopped = True
+        self.stops += 1
         for seat in self._seats.values():
             seat.is_armed, seat.complaint = False, ''
         self._halt()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 import time
 from types import SimpleNamespace
 
-from diffdrive_ros.dashboard_node import DashboardNode
+from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
 from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED
 from diffdrive_ros.odometry_node import OdometryNode
 from diffdrive_ros.pilot import Beat, STOP
@@ -205,6 +205,53 @@ def test_others_who_command_are_told_also_if_they_are_called_the_same(
     wait_until(lambda: node.other_commanders() == ['/dashboard', '/teleop'])
     for other in others:
         other.destroy_node()
+
+
+def answering(robot: DashboardRobot, act: Callable[[], object]) -> list[str]:
+    """Let something happen while the node answers; return what it is asked."""
+    asked = []
+
+    async def ask(service: str, request: object) -> object:
+        asked.append(f'{service} {request.data}')
+        act()
+        return SimpleNamespace(message='')
+
+    robot.node.ask = ask
+    return asked
+
+
+def test_a_stop_that_is_released_is_released(robot: DashboardRobot) -> None:
+    """At the node, and for the pages."""
+    robot.pilot.stop()
+    asked = answering(robot, lambda: None)
+    asyncio.run(robot.release())
+    assert (asked, robot.pilot.is_stopped) == (['enable True'], False)
+
+
+def test_a_stop_pressed_while_one_is_released_holds(robot: DashboardRobot) -> None:
+    """And the node is held again."""
+    robot.pilot.stop()
+    asked = answering(robot, robot.pilot.stop)
+    asyncio.run(robot.release())
+    assert (asked, robot.pilot.is_stopped) == (['enable True', 'enable False'], True)
+
+
+def test_a_parameter_that_was_set_is_no_refusal_if_the_node_falls_silent_then(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """But the robot is not driven before it is known again."""
+    make()
+    robot = hear_odom()
+    learn(robot)
+    ask = robot.node.ask
+
+    async def ask_in_vain(service: str, request: object) -> object:
+        if service == 'list_parameters':
+            raise NoAnswerError('list_parameters does not answer')
+        return await ask(service, request)
+
+    robot.node.ask = ask_in_vain
+    assert asyncio.run(robot.set_parameter('cmd_vel_timeout', '0.4')) == ''
+    assert 'not known yet' in hear_odom().reason_not_to_drive
 
 
 def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:

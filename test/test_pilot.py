@@ -176,6 +176,14 @@ def test_a_key_pressed_during_a_stop_does_not_drive_when_it_is_released(hands):
     hold_until(hands, 'a', hands.pilot.resume)
 
 
+def test_a_beat_that_cannot_be_understood_stops_and_those_after_a_rest_are_driven(hands):
+    hands.drive('a')
+    assert hands.pilot.distrust('a') == STOP
+    assert hands.beat('a', AHEAD) is None
+    assert hands.pilot.distrust('b') is None
+    hands.drive('a')
+
+
 def test_a_page_that_may_not_drive_is_stopped_and_has_to_come_to_rest_when_it_may(hands):
     hands.drive('a')
     assert hands.beat('a', AHEAD, may_drive=False) == STOP
