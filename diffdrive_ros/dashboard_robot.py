@@ -188,6 +188,8 @@ class DashboardRobot:
     async def reset(self) -> str:
         """Set odometry to zero; return the node's word."""
         answer = await self.node.ask('reset_odometry', Trigger.Request())
+        for track in self.tracks.values():
+            track.clear()
         return str(answer.message)
 
     def set_pose(self, pose: Sequence[float]) -> None:

@@ -1,4 +1,5 @@
 """A track that can be drawn however long it gets: thinned, so that it stays bounded."""
+from collections.abc import Sequence
 import math
 
 Point = tuple[float, float, bool]
@@ -7,18 +8,20 @@ Point = tuple[float, float, bool]
 
 class Track:
     """
-    Points at least spacing [m] apart; each time they are too many, every other one goes.
+    Points a finest distance [m] apart; each time they are too many, the older half is thinned.
 
+    Of that, no place is further from a point than twice spacing [m], which grows as it has to.
     A step longer than longest_step [m] is a jump, such as of a pose that was set: no line is drawn
     there. version changes when points have been taken away, and not when some were added.
     """
 
     def __init__(
-        self, most: int = 2000, spacing: float = 0.01, longest_step: float = 0.5,
+        self, most: int = 2000, finest: float = 0.01, longest_step: float = 0.5,
     ) -> None:
         self.points: list[Point] = []
         self.version = 0
-        self.spacing = spacing
+        self.spacing = finest
+        self._finest = finest
         self._most = most
         self._longest_step = longest_step
         self._last: tuple[float, float] | None = None
@@ -29,7 +32,7 @@ class Track:
             return
         jumped = self._last is None or math.dist(self._last, (x, y)) > self._longest_step
         self._last = x, y
-        if not jumped and math.dist(self.points[-1][:2], (x, y)) < self.spacing:
+        if not jumped and math.dist(self.points[-1][:2], (x, y)) < self._finest:
             return
         self.points.append((x, y, jumped))
         if len(self.points) > self._most:
@@ -39,13 +42,24 @@ class Track:
         """Forget everything."""
         self.points.clear()
         self._last = None
+        self.spacing = self._finest
         self.version += 1
 
     def _thin(self) -> None:
-        """Keep every other point, and all at which a line starts; of too many lines the newest."""
-        self.spacing *= 2.0
-        kept = [
-            point for number, point in enumerate(self.points)
-            if point[2] or number % 2 == 0 or number == len(self.points) - 1]
-        self.points = kept[-(self._most // 2 + 1):] if len(kept) > self._most else kept
+        """Keep three quarters of the older half at most, and the newest places where lines start."""
+        half = len(self.points) // 2
+        old, new = _spread(self.points[:half], self.spacing), self.points[half:]
+        while sum(not is_start for _, _, is_start in old) > 3 * half // 4:
+            self.spacing *= 2.0
+            old = _spread(old, self.spacing)
+        self.points = old[-(half // 2):] + new
         self.version += 1
+
+
+def _spread(points: Sequence[Point], spacing: float) -> list[Point]:
+    """Return the points a spacing away from the last that is kept, and where lines start."""
+    kept: list[Point] = []
+    for point in points:
+        if point[2] or not kept or math.dist(kept[-1][:2], point[:2]) >= spacing:
+            kept.append(point)
+    return kept

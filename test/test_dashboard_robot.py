@@ -207,6 +207,16 @@ def test_others_who_command_are_told_also_if_they_are_called_the_same(
         other.destroy_node()
 
 
+def test_a_reset_starts_the_tracks_anew(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """What was driven before belongs to another origin."""
+    make()
+    robot = hear_odom()
+    assert robot.tracks['odom'].points
+    asyncio.run(robot.reset())
+    assert not robot.tracks['odom'].points
+
+
 def answering(robot: DashboardRobot, act: Callable[[], object]) -> list[str]:
     """Let something happen while the node answers; return what it is asked."""
     asked = []

@@ -1,4 +1,5 @@
 """A track stays bounded, and stays the track."""
+from itertools import pairwise
 import math
 
 from diffdrive_ros.ellipse import INSIDE_95, of_covariance
@@ -17,9 +18,21 @@ def test_an_hour_at_20_frames_a_second_stays_bounded_and_near_every_place():
         track.add(*place)
         most = max(most, len(track.points))
     assert most <= 2001
+    assert track.spacing < 1.5
     kept = np.array([point[:2] for point in track.points])
     for place in path[::997]:
         assert np.min(np.hypot(*(kept - place).T)) < 2.0 * track.spacing
+
+
+def test_an_hour_of_small_circles_still_shows_one():
+    track = Track(most=2000)
+    for turn in np.arange(0.0, 3600.0, 0.05):
+        track.add(0.3 * math.cos(turn), 0.3 * math.sin(turn))
+    for angle in np.linspace(-math.pi, math.pi, 100):
+        place = 0.3 * math.cos(angle), 0.3 * math.sin(angle)
+        assert min(math.dist(place, point[:2]) for point in track.points) < 0.02
+    newest = track.points[-900:]
+    assert max(math.dist(a[:2], b[:2]) for a, b in pairwise(newest)) < 0.03
 
 
 def test_a_robot_that_stands_adds_nothing():
@@ -64,6 +77,7 @@ def test_what_is_not_finite_is_passed_over():
 def test_a_track_that_was_cleared_starts_a_new_line():
     track = Track()
     track.add(0.0, 0.0)
+    track.add(0.1, 0.0)
     track.clear()
     track.add(0.1, 0.0)
     assert track.points == [(0.1, 0.0, True)]
