@@ -112,7 +112,6 @@ class ParametersPanel:
     def __init__(self, page: Hands, robot: DashboardRobot) -> None:
         self._page, self._robot = page, robot
         self._shown: list[RemoteParameter] = []
-        self._names: tuple[str, ...] = ()
         self._fields: dict[str, Any] = {}
         self._answers: dict[str, ui.label] = {}
         self._list = ui.column().classes('w-full gap-3')
@@ -124,17 +123,19 @@ class ParametersPanel:
             key=lambda each: ('.' in each.name, each.name))
         if live == self._shown or repr(live) == repr(self._shown):
             return
+        before = {each.name: each.text for each in self._shown}
         self._shown = live
-        names = tuple(each.name for each in live)
-        if names != self._names:
-            self._names = names
+        if before.keys() != {each.name for each in live}:
             self._build()
-        for each in live:
-            self._fields[each.name].set_value(each.text)
+            return
+        for each in live:  # but for those, what is typed stays
+            if each.text != before[each.name]:
+                self._fields[each.name].set_value(each.text)
 
     def _build(self) -> None:
         self._list.clear()
         self._fields.clear()
+        self._answers.clear()
         with self._list:
             for each in self._shown:
                 self._build_one(each)
@@ -155,7 +156,9 @@ class ParametersPanel:
             rule = f'It {parameter.rule}.' if parameter.rule else ''
             ui.label(f'{parameter.description} {rule}').classes(
                 'text-sm quiet')
-            self._answers[name] = ui.label().classes('text-sm font-bold').props('role=status')
+            answer = ui.label().classes('text-sm font-bold').props('role=status')
+            self._answers[name] = answer
+        field.on('update:model-value', lambda: answer.set_text(''), args=[])
         if isinstance(field, ui.input):
             field.on('keydown.enter', lambda: self._set(name))
 
@@ -166,7 +169,10 @@ class ParametersPanel:
             reason = await self._robot.set_parameter(name, str(self._fields[name].value))
         except NoAnswerError as error:
             reason = str(error)
-        self._answers[name].set_text(f'Refused: {reason}' if reason else 'Set')
+        if reason:
+            now = next((each.text for each in self._shown if each.name == name), 'not known')
+            reason = f'Refused: {reason}. It is {now}'
+        self._answers[name].set_text(reason or 'Set')
 
 
 class DiagnosticsPanel:

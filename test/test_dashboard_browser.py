@@ -475,10 +475,18 @@ def test_a_parameter_set_wrongly_shows_the_reason_of_the_node(
     field.fill('fast')
     hands.page.get_by_role('button', name=f'Set {name}').click()
     hands.page.get_by_text(f'Refused: {name} = fast: must be a number').wait_for()
+    hands.page.get_by_text('must be a number. It is 1.0').wait_for()
+    other = hands.page.get_by_label('max_wheel_speed', exact=True)
+    other.fill('12')
     for text, wanted in (('1.25', 1.25), ('1.0', 1.0)):
         field.fill(text)
+        hands.page.get_by_text('Refused').wait_for(state='detached')
         field.press('Enter')
         wait_until(lambda wanted=wanted: value() == wanted)
+        hands.page.get_by_text('Set', exact=True).and_(
+            hands.page.locator('[role=status]')).wait_for()
+        hands.page.wait_for_timeout(500)  # for the page to have read it again
+        assert (field.input_value(), other.input_value()) == (text, '12')
     assert not robot.turns()
 
 
