@@ -46,13 +46,14 @@ class Track:
         self.version += 1
 
     def _thin(self) -> None:
-        """Keep three quarters of the older half at most, and the newest places where lines start."""
+        """Keep three quarters of the older half at most, and where lines start before others."""
         half = len(self.points) // 2
+        room = 3 * half // 4
         old, new = _spread(self.points[:half], self.spacing), self.points[half:]
-        while sum(not is_start for _, _, is_start in old) > 3 * half // 4:
+        while len(old) > room and not all(is_start for _, _, is_start in old):
             self.spacing *= 2.0
             old = _spread(old, self.spacing)
-        self.points = old[-(half // 2):] + new
+        self.points = old[-room:] + new
         self.version += 1
 
 
