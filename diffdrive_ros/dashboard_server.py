@@ -3,14 +3,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 import logging
 import time
-from urllib.parse import quote
 
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError, Spinner
 from diffdrive_ros.dashboard_page import Page
 from diffdrive_ros.dashboard_robot import DashboardRobot
 from diffdrive_ros.pilot import STOP
 from diffdrive_ros.robot_processes import RobotEndedError, RobotProcesses
-from diffdrive_ros.web_guard import WebGuard
+from diffdrive_ros.web_guard import address, WebGuard
 from nicegui import app, Client, ui
 
 WATCH, PICTURE, NUMBERS, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 0.2, 1.0  # [s] between two
@@ -125,9 +124,3 @@ def serve(
         spinner.close()
     if server.failure:
         raise server.failure
-
-
-def address(host: str, port: int, token: str | None) -> str:
-    """Return what to open in a browser."""
-    name = f'[{host}]' if ':' in host else host
-    return f'http://{name}:{port}/' + (f'?token={quote(token)}' if token else '')

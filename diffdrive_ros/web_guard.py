@@ -5,10 +5,10 @@ An ASGI middleware in front of everything, the web socket included: a page of so
 is open in the same browser must be able neither to drive the robot nor to look at it.
 """
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 import secrets
+import socket
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
@@ -16,6 +16,7 @@ Send = Callable[[Any], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+ALL_ADDRESSES = ('', '0.0.0.0', '::')  # of this machine: none that a browser could open
 COOKIE = 'diffdrive_token'
 
 
@@ -44,11 +45,9 @@ class WebGuard:
             await refuse(scope, receive, send, 'open the address that was printed at start')
 
     def _is_known(self, cookies: str) -> bool:
-        try:
-            morsel = SimpleCookie(cookies).get(COOKIE)
-        except CookieError:
-            return False
-        return morsel is not None and self._is_token(morsel.value)
+        # By hand: the parser of the standard library ends at the first cookie that it dislikes.
+        pairs = (each.strip().partition('=') for each in cookies.split(';'))
+        return any(name == COOKIE and self._is_token(value) for name, _, value in pairs)
 
     def _brings_token(self, scope: Scope) -> bool:
         given = parse_qs(scope['query_string'].decode('latin-1')).get('token', [''])[0]
@@ -74,10 +73,27 @@ def refusal(headers: MutableMapping[str, str], *, is_socket: bool, needs_loopbac
     if needs_loopback and _name_of(f'//{host}') not in LOOPBACK:
         return f'host {host!r} is not this machine'
     if origin is None:
-        return 'a socket needs an origin' if is_socket else ''
+        if is_socket:
+            return 'a socket needs an origin'
+        return 'another page embeds this one' if _is_embedded(headers) else ''
     if _is_web(origin) and urlsplit(origin).netloc == host:
         return ''
     return f'origin {origin!r} is not this page'
+
+
+def address(host: str, port: int, token: str | None) -> str:
+    """Return what to open in a browser."""
+    if host in ALL_ADDRESSES:
+        host = socket.gethostname()
+    name = f'[{host}]' if ':' in host else host
+    return f'http://{name}:{port}/' + (f'?token={quote(token)}' if token else '')
+
+
+def _is_embedded(headers: MutableMapping[str, str]) -> bool:
+    """Return whether a page of another origin asks, and not for a link that is followed."""
+    followed = headers.get('sec-fetch-mode'), headers.get('sec-fetch-dest')
+    return headers.get('sec-fetch-site') in ('cross-site', 'same-site') and (
+        followed != ('navigate', 'document'))
 
 
 def _name_of(address: str) -> str | None:

@@ -3,6 +3,7 @@ from collections.abc import Callable, Iterator
 import math
 import os
 import signal
+import socket
 import time
 from types import SimpleNamespace
 
@@ -537,7 +538,7 @@ def test_from_other_machines_only_the_address_with_the_token_works(
         assert dashboard.get()[0] == 403
         page = context.new_page()
         assert page.goto(dashboard.url).status == 403
-        page.goto(address.replace('0.0.0.0', '127.0.0.1'))
+        page.goto(address.replace(socket.gethostname(), '127.0.0.1'))
         assert page.url == dashboard.url
         page.wait_for_selector('canvas[data-drawn]')
     finally:

@@ -1,7 +1,8 @@
 """Nobody but the page itself, and those who know the token, get through."""
 import asyncio
+import socket
 
-from diffdrive_ros.web_guard import COOKIE, WebGuard
+from diffdrive_ros.web_guard import address, COOKIE, WebGuard
 import pytest
 
 HOST = ('host', '127.0.0.1:8080')
@@ -78,6 +79,33 @@ def test_the_token_becomes_a_cookie_that_opens():
     assert ask(HOST, OURS, cookie, token=TOKEN, kind='websocket')[0] == 200
 
 
+@pytest.mark.parametrize('other', [
+    'theme={"dark": true, "size": [1, 2]}', 'a b=c', '=', 'unquoted="', f'{COOKIE}=another'])
+def test_a_cookie_of_somebody_else_does_not_hide_ours(other):
+    """Browsers send those of every server on the machine, whatever its port."""
+    for cookies in (f'{other}; {COOKIE}={TOKEN}', f'{COOKIE}={TOKEN}; {other}'):
+        assert ask(HOST, ('cookie', cookies), token=TOKEN)[0] == 200
+    assert ask(HOST, ('cookie', other), token=TOKEN)[0] == 403
+
+
+def test_a_cookie_whose_name_only_ends_like_ours_does_not_open():
+    assert ask(HOST, ('cookie', f'x{COOKIE}={TOKEN}'), token=TOKEN)[0] == 403
+
+
+@pytest.mark.parametrize('site', ['cross-site', 'same-site'])
+@pytest.mark.parametrize(('mode', 'kind', 'status'), [
+    ('no-cors', 'image', 403), ('no-cors', 'script', 403), ('navigate', 'iframe', 403),
+    ('navigate', 'document', 200)])
+def test_other_pages_may_lead_here_and_embed_nothing_of_it(site, mode, kind, status):
+    assert ask(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', mode),
+               ('sec-fetch-dest', kind))[0] == status
+
+
+@pytest.mark.parametrize('site', ['none', 'same-origin'])
+def test_the_page_may_ask_for_its_own_files(site):
+    assert ask(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', 'no-cors'))[0] == 200
+
+
 def test_the_token_in_the_address_of_a_socket_does_not_open_it():
     assert ask(HOST, OURS, token=TOKEN, kind='websocket', query=f'token={TOKEN}')[0] == 403
 
@@ -86,3 +114,10 @@ def test_other_pages_cannot_show_this_one_within_them():
     headers = ask(HOST)[1]
     assert headers['x-frame-options'] == 'DENY'
     assert 'frame-ancestors' in headers['content-security-policy']
+
+
+@pytest.mark.parametrize(('host', 'name'), [
+    ('0.0.0.0', socket.gethostname()), ('::', socket.gethostname()), ('192.0.2.1', '192.0.2.1'),
+    ('fd00::1', '[fd00::1]')])
+def test_the_address_that_is_printed_can_be_opened(host, name):
+    assert address(host, 8080, 'a b') == f'http://{name}:8080/?token=a%20b'
