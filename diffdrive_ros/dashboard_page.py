@@ -69,7 +69,7 @@ class Page:
         """Renew the numbers; slower than the picture."""
         robot = self._robot
         hint = '' if robot.applied or robot.value('publish_limited_velocity') else (
-            ': publish_limited_velocity is false')
+            '\n(publish_limited_velocity is false)')
         self._speeds.set_text(
             f'wheels   {_numbers(robot.wheels, "", "rad/s")}\n'
             f'asked    {_said(robot.asked)}\n'
