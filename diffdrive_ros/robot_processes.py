@@ -1,6 +1,8 @@
 """A simulated robot and its odometry as processes, for the shells that bring one along."""
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -15,6 +17,8 @@ FLOOR = ('slip:=0.01', 'travel_noise:=0.001', 'seed:=1')
 
 # [s] DDS announces a participant every 3 s, and what it says first may be lost.
 DISCOVERY = 3.5
+NAMELESS = '_NODE_NAME_UNKNOWN_'  # rmw's, until what it is called has come too
+PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 TOPICS = ('cmd_vel', 'wheel_commands', 'joint_states', 'odom', 'ground_truth')
 
@@ -66,7 +70,20 @@ class RobotProcesses:
         ros_arguments = [word for setting in settings for word in ('-p', setting)]
         return subprocess.Popen(
             [sys.executable, '-m', f'diffdrive_ros.{module}', '--ros-args', *ros_arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said)
+            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said,
+            preexec_fn=_end_with_parent(os.getpid()) if sys.platform == 'linux' else None)
+
+
+def _end_with_parent(parent: int) -> Callable[[], None]:
+    """Return what lets a child end if its parent is killed; to be called in the child."""
+    libc = ctypes.CDLL(None)  # loaded here: between fork and exec as little as possible is done
+
+    def act() -> None:
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        if os.getppid() != parent:  # it was killed before it was said
+            os._exit(1)
+
+    return act
 
 
 @contextmanager
@@ -82,18 +99,22 @@ def running_robot(*odometry_settings: str) -> Iterator[RobotProcesses]:
 
 def used_topics(node: Node) -> Sequence[str]:
     """
-    Return the topics of such a robot on which somebody else than a node is already.
+    Return the topics of such a robot on which somebody else than a node is already, and who.
 
-    Takes until somebody is found there, or until all are who can be.
+    Takes until somebody is found there and has a name, or until all are found who can be.
     """
     deadline = time.monotonic() + DISCOVERY
-    while not (topics := _topics_of_others(node)) and time.monotonic() < deadline:
+    topics: Sequence[str] = ()
+    while (not topics or NAMELESS in ' '.join(topics)) and time.monotonic() < deadline:
         time.sleep(0.05)
+        topics = _topics_of_others(node)
     return topics
 
 
 def _topics_of_others(node: Node) -> Sequence[str]:
-    return [topic for topic in TOPICS if any(
-        end.node_name != node.get_name() for end in (
+    found = {topic: sorted({
+        end.node_name for end in (
             *node.get_publishers_info_by_topic(topic),
-            *node.get_subscriptions_info_by_topic(topic)))]
+            *node.get_subscriptions_info_by_topic(topic))} - {node.get_name()})
+        for topic in TOPICS}
+    return [f'{topic} ({", ".join(names)})' for topic, names in found.items() if names]

@@ -51,7 +51,7 @@ def test_it_brings_no_second_robot_to_topics_that_are_used(
     station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
     dashboard = start_page('--simulate')
     assert dashboard.wait() == 1
-    assert 'somebody is on cmd_vel already' in dashboard.output
+    assert 'somebody is on cmd_vel (station) already' in dashboard.output
 
 
 @pytest.mark.parametrize('victim', ['simulator_node', 'odometry_node'])
@@ -64,6 +64,25 @@ def test_a_process_of_its_robot_that_dies_ends_it_with_1(
     os.kill(children(dashboard.number)[victim], signal.SIGKILL)
     assert dashboard.wait() == 1
     assert f'dashboard: {victim.removesuffix("_node")} ended with -9' in dashboard.output
+
+
+def test_its_robot_ends_with_it_also_if_it_is_killed(
+        start_page: Callable[..., Dashboard]) -> None:
+    """Nobody is left to command wheels, or to be in the way of the next one."""
+    dashboard = start_page('--simulate')
+    dashboard.wait_until_it_serves()
+    wait_until(lambda: len(children(dashboard.number)) == 2)
+    started = children(dashboard.number).values()
+    dashboard.signal(signal.SIGKILL)
+    wait_until(lambda: not any(map(is_running, started)))
+
+
+def is_running(number: int) -> bool:
+    """Return whether a process has not ended; one that nobody has waited for has."""
+    try:
+        return Path(f'/proc/{number}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+    except OSError:
+        return False
 
 
 def children(number: int) -> dict[str, int]:
