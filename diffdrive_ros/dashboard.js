@@ -55,7 +55,9 @@ const pad = {
     if (now - this.beatAt > ASLEEP || !isWatched()) letGo();
     this.beatAt = now;
     // What cannot go out now must not wait in a buffer until it can.
-    if (!window.socket?.connected || !window.did_handshake) return letGo();
+    const isConnected = Boolean(window.socket?.connected && window.did_handshake);
+    document.body.classList.toggle('lost', !isConnected);
+    if (!isConnected) return letGo();
     this.$emit('beat', {
       number: this.number++, sight, keys: [...hand.keys], stick: hand.stick,
       wheels: hand.wheels, lost: hand.lost, visible: document.visibilityState === 'visible' });
@@ -308,7 +310,7 @@ const chart = {
     for (let i = Math.ceil(left / step); i * step < right; i += 1) {
       const [x] = this.px([i * step, 0]);
       this.path(pen, [[x, 0], [x, this.size.height]]);
-      pen.fillText(Number((i * step).toFixed(2)), x + 3, this.size.height - 4);
+      pen.fillText(`${Number((i * step).toFixed(2))}${i ? '' : ' m'}`, x + 3, this.size.height - 4);
     }
     for (let i = Math.ceil(bottom / step); i * step < top; i += 1) {
       const [, y] = this.px([0, i * step]);

@@ -586,6 +586,8 @@ def test_a_server_that_dies_stops_the_robot_and_one_that_comes_back_is_driven_ag
     moment = time.monotonic()
     dashboard.signal(signal.SIGKILL)
     assert robot.stopped_after(moment) < TIMEOUT + PERIOD + SLACK
+    hands.page.wait_for_function("""() => getComputedStyle(
+        document.querySelector('header [role=status]'), '::after').content.includes('lost')""")
     count = len(robot.commands)
     watch(port=dashboard.port)
     hands.wait_for('press')  # a key, or again

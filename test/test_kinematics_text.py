@@ -33,3 +33,8 @@ def test_the_twist_is_that_of_the_wheels():
     linear, angular = DRIVE.body_twist(2.0, 5.0)
     assert f"V_b = H⁺ φ' = ({linear:.3f}, 0, {angular:.3f}) m/s, rad/s" in equations(
         DRIVE, (0.0, 0.0, 0.0), (2.0, 5.0))
+
+
+def test_no_number_is_minus_zero():
+    text = equations(DRIVE, (-1e-5, -1e-5, -1e-5), (-1e-4, -1e-4))
+    assert not re.search(r'-0\.0+\b', text)
