@@ -44,6 +44,18 @@ OBSERVED = 0.1
 
 MEASURES = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
 
+# A measure that is not within these multiples of its nominal value is none of this robot.
+PLAUSIBLE = (0.5, 2.0)
+
+# A geometry whose last step, relative to itself, is longer has not been found.
+RESTLESS = 0.01
+
+# Clocks that are further apart than this are not found: the offset has to be known beforehand [s].
+CLOCKS = 0.5
+
+USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are the clocks '
+         f'more than {CLOCKS:g} s apart?')
+
 
 class CalibrationError(ValueError):
     """The drives do not tell what is asked; the message says why."""
@@ -174,7 +186,10 @@ def calibrate(
     while True:
         kept = [drive for index, drive in enumerate(drives) if index not in outliers]
         fit = _Fit(kept, nominal, terms)
-        fit.run()
+        try:
+            fit.run()
+        except (np.linalg.LinAlgError, FloatingPointError):
+            raise CalibrationError(f'the fit fails on the numbers of the drives{USUAL}') from None
         # Of three, one does not contradict the others with any certainty.
         may_leave_out = not keep_all and len(kept) > max(3, 2 * len(drives) // 3)
         worst = fit.worst_drive() if may_leave_out else None
@@ -182,6 +197,7 @@ def calibrate(
             break
         index = [index for index in range(len(drives)) if index not in outliers][worst[0]]
         outliers[index] = worst[1]
+    fit.check()
     return fit.calibration(drives, outliers)
 
 
@@ -191,6 +207,8 @@ _CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
     # Turns alone give the ratio of separation and radii; these are better known by hand.
     ((0, 2), ('the mean of the wheel radii: the drives go too little way to tell it',)),
     ((1, 2), ('wheel_separation: the drives turn too little to tell it',)),
+    ((0,), ('the wheel radii: the drives turn on the spot, which tells the separation for these '
+            'radii only',)),
     ((1,), ('wheel_separation and the ratio of the wheel radii: the drives are too short',)),
 )
 
@@ -288,17 +306,44 @@ class _Fit:
         self.linears = [self._linear(state) for state in self.states]
         self.solution = self._solve(self.linears, self.states, self.variances)
 
+    def check(self) -> None:
+        """Raise CalibrationError if what was found cannot be the robot that was driven."""
+        start = (self.nominal.wheel_separation, self.nominal.left_wheel_radius,
+                 self.nominal.right_wheel_radius)
+        for name, nominal in zip(MEASURES, start, strict=True):
+            found = getattr(self.drive, name)
+            if not PLAUSIBLE[0] <= found / nominal <= PLAUSIBLE[1]:
+                raise CalibrationError(
+                    f'{name} = {1e3 * found:.3f} mm: must be {PLAUSIBLE[0]:g} to '
+                    f'{PLAUSIBLE[1]:g} times {1e3 * nominal:.3f} mm{USUAL}')
+        for state in self.states:
+            if abs(state.time_offset) > CLOCKS:
+                raise CalibrationError(
+                    f'{state.drive.name}: time_offset = {state.time_offset:.3f} s: must be '
+                    f'within {CLOCKS:g} s{USUAL}')
+        worst = float(np.sqrt(np.diag(self.solution.covariance))[:len(self.free)].max())
+        if worst > OBSERVED:
+            raise CalibrationError(
+                f'deviation of the geometry = {100.0 * worst:.0f} %: must be at most '
+                f'{100.0 * OBSERVED:.0f} %{USUAL}')
+        # Poses that are weighed anew may move it a little for ever.
+        step = float(np.abs(self.solution.common[:len(self.free)]).max())
+        if step > RESTLESS:
+            raise CalibrationError(
+                f'last step of the geometry = {100.0 * step:.2g} %: must be at most '
+                f'{100.0 * RESTLESS:g} %{USUAL}')
+
     def _choose_what_is_observed(self) -> None:
-        linears = [self._linear(state) for state in self.states]
-        every = self._solve(linears, self.states, self.variances).information
-        for free, not_observed in _CHOICES:
-            chosen = [*free, *range(3, len(every))]
-            information = every[np.ix_(chosen, chosen)]
-            if np.linalg.cond(_scaled(information)) > 1e12:
+        for self.free, self.not_observed in _CHOICES:
+            try:
+                solution = self._solve(
+                    [self._linear(state) for state in self.states], self.states, self.variances)
+            except np.linalg.LinAlgError:
                 continue
-            deviations = np.sqrt(np.diag(np.linalg.inv(information)))[:len(free)]
+            if np.linalg.cond(_scaled(solution.information)) > 1e12:
+                continue
+            deviations = np.sqrt(np.diag(solution.covariance))[:len(self.free)]
             if (deviations < OBSERVED).all():
-                self.free, self.not_observed = free, not_observed
                 return
         raise CalibrationError(
             'the drives tell neither the separation nor the radii of the wheels: they are too '

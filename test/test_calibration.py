@@ -127,6 +127,50 @@ def test_turns_on_the_spot_give_the_separation_and_say_that_they_cannot_give_the
     assert found.drive.wheel_separation == pytest.approx(TRUTH.wheel_separation, rel=2e-3)
 
 
+def test_turns_on_the_spot_with_an_unknown_marker_tell_one_ratio_and_no_radius():
+    angles = np.linspace(0.0, 40.0, 401)
+    seconds, random = 0.05 * np.arange(401), np.random.default_rng(2)
+    drives = []
+    for sign in (1.0, -1.0):
+        poses = integrate(TRUTH, -sign * angles, sign * angles)
+        noisy = poses + random.normal(size=poses.shape) * [1e-3, 1e-3, 4e-3]
+        drives.append(Drive('spin', seconds, -sign * angles, sign * angles, seconds, noisy))
+    found = calibrate(drives, NOMINAL)
+    assert found.not_observed[0].startswith('the wheel radii: ')
+    assert geometry_of(found.drive)[1:] == pytest.approx([0.05, 0.05])
+    assert found.deviations[1:].tolist() == [0.0, 0.0]
+    ratio = 2.0 * TRUTH.wheel_separation / (TRUTH.left_wheel_radius + TRUTH.right_wheel_radius)
+    assert found.drive.wheel_separation == pytest.approx(0.05 * ratio, rel=2e-3)
+
+
+def test_a_perfectly_straight_line_keeps_the_nominal_separation_and_says_so():
+    angles, seconds = np.linspace(0.0, 100.0, 401), 0.05 * np.arange(401)
+    level = DiffDrive(0.30, 0.0501, 0.0501)
+    random = np.random.default_rng(1)
+    poses = integrate(level, angles, angles)
+    noisy = poses + random.normal(size=poses.shape) * [1e-3, 1e-3, 4e-3]
+    found = calibrate([Drive('line', seconds, angles, angles, seconds, noisy)], NOMINAL)
+    assert found.not_observed == ('wheel_separation: the drives turn too little to tell it',)
+    assert found.drive.wheel_separation == NOMINAL.wheel_separation
+    assert geometry_of(found.drive)[1:] == pytest.approx([0.0501, 0.0501], rel=2e-3)
+
+
+@pytest.mark.parametrize(('damage', 'rule'), [
+    (lambda drive: replace(drive, left=drive.right, right=drive.left), 'mm: must be 0.5 to 2'),
+    (lambda drive: replace(drive, left=-drive.left), 'mm: must be 0.5 to 2'),
+    (lambda drive: replace(drive, left=0.0 * drive.left), 'mm: must be 0.5 to 2'),
+    (lambda drive: replace(drive, reference_seconds=drive.reference_seconds + 1.0),
+     'time_offset = '),
+])
+def test_what_cannot_be_the_robot_that_was_driven_is_refused_with_the_usual_causes(damage, rule):
+    drives = [damage(drive) for drive in noisy_drives(names=('square', 'eight', 'square back'))]
+    with pytest.raises(CalibrationError, match=rule) as error:
+        calibrate(drives, NOMINAL)
+    assert 'are the sides swapped' in str(error.value)
+    assert 'must be ' in str(error.value)
+    assert '\n' not in str(error.value)
+
+
 def test_a_drive_that_slipped_is_named_and_left_out():
     drives = noisy_drives()
     slipped = drives[2]
