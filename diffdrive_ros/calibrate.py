@@ -7,7 +7,7 @@ poses of squares driven both ways, and line-and-turn a straight line and turns o
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 import importlib.util
 import json
 import os
@@ -113,9 +113,11 @@ def calibrate_by(drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms') 
 
 @dataclass(frozen=True)
 class Judged:
-    """Final errors of a drive: nominal, calibrated, and calibrated by all the others [m]."""
+    """Final errors of a drive: before, calibrated, and calibrated by all the others [m]."""
 
     name: str
+    time_offset: float
+    """What is added to the reference's stamps, as replay's option of that name [s]."""
     before: float
     after: float
     unseen: float | None
@@ -131,8 +133,8 @@ def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
 def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
     """Return the parameters of the robot with what was found put in."""
     deviations = [
-        float(deviation) or by_hand
-        for deviation, by_hand in zip(found.deviations, BY_HAND, strict=True)]
+        float(deviation) or before or by_hand for deviation, before, by_hand in zip(
+            found.deviations, astuple(robot.uncertainty), BY_HAND, strict=True)]
     return dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
@@ -157,14 +159,14 @@ COMMENTS = {
 
 def summary_of(robot: Robot, found: 'Calibration') -> str:
     """Return what was found as lines of text."""
-    nominal, drive, deviations = robot.nominal, found.drive, found.deviations
-    lines = [f'{"":22}{"nominal":>12}{"calibrated":>12}{"deviation":>12}']
+    before, drive, deviations = robot.drive, found.drive, found.deviations
+    lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
     for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
-        spread = f'{1e3 * deviations[index]:.3f}' if deviations[index] else 'not seen'
+        spread = f'{1e3 * deviations[index]:.3f}' if deviations[index] else 'not known'
         lines.append(
-            f'{name + " [mm]":22}{1e3 * getattr(nominal, name):12.3f}'
+            f'{name + " [mm]":24}{1e3 * getattr(before, name):12.3f}'
             f'{1e3 * getattr(drive, name):12.3f}{spread:>12}')
-    lines += [f'not observed: {what}; nominal' for what in found.not_observed]
+    lines += [f'not observed: {what}; as before' for what in found.not_observed]
     lines += [
         f'noise of the wheels    {found.noise.left_travel:.2g} m^2/m of their travel, '
         f'{found.noise.turn:.2g} rad^2/rad of the turn',
@@ -182,10 +184,12 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
 
 def judged_table(judged: Sequence[Judged]) -> str:
     """Return the final errors of each drive as lines of text."""
-    lines = [f'{"final error [m]":28}{"nominal":>10}{"calibrated":>12}{"unseen":>10}']
+    lines = [f'{"final error [m]":28}{"before":>10}{"calibrated":>12}{"unseen":>10}'
+             f'{"--time-offset [s]":>19}']
     for each in judged:
         unseen = '-' if each.unseen is None else f'{each.unseen:.4f}'
-        lines.append(f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}')
+        lines.append(f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}'
+                     f'{each.time_offset:19.4f}')
     unseen_errors = [each.unseen for each in judged if each.unseen is not None]
     lines.append(
         f'{"median":28}{np.median([each.before for each in judged]):10.4f}'
@@ -194,18 +198,34 @@ def judged_table(judged: Sequence[Judged]) -> str:
     return '\n'.join(lines)
 
 
-def compared(log: Log, robot: Robot, found: 'Calibration') -> Comparison:
+def compared(log: Log, robot: Robot, found: 'Calibration', time_offset: float) -> Comparison:
     """Return odometry of a log beside its reference, from the first pose on."""
     assert log.reference is not None
     every = max(1, len(log.samples) // 500)
     return compare(
         replay(robot, log.samples, every), log.reference, marker=found.marker,
-        reference_std=(found.position_std, found.heading_std))
+        time_offset=time_offset, reference_std=(found.position_std, found.heading_std))
 
 
-def final_error(log: Log, drive: DiffDrive, robot: Robot, found: 'Calibration') -> float:
-    """Return how far odometry with a geometry is from the reference at the end [m]."""
-    return compared(log, replace(robot, drive=drive), found).figures.final_position
+def judge(
+    log: Log, drive: 'Drive', index: int, robot: Robot, found: 'Calibration',
+    unseen: 'Calibration | None', terms: 'Terms',
+) -> Judged:
+    """Return how far odometry is from the reference at the end of the drive with this index."""
+    from diffdrive_ros.calibration import clock_offset
+
+    def offset(by: 'Calibration') -> float:
+        return clock_offset(drive, by) if terms.time_offset else 0.0
+
+    def final_error(geometry: DiffDrive, by: 'Calibration', time_offset: float) -> float:
+        return compared(
+            log, replace(robot, drive=geometry), by, time_offset).figures.final_position
+
+    report = found.drives[index]
+    own = offset(found) if report.outlier else report.time_offset
+    return Judged(
+        log.name, own, final_error(robot.drive, found, own), final_error(found.drive, found, own),
+        None if unseen is None else final_error(unseen.drive, unseen, offset(unseen)))
 
 
 def cross_validate(
@@ -217,7 +237,7 @@ def cross_validate(
     That is the one by all others, but for outliers: those it has not seen anyway.
     """
     kept = [index for index, drive in enumerate(found.drives) if not drive.outlier]
-    tasks = [([drives[other] for other in kept if other != index], robot.nominal, terms)
+    tasks = [([drives[other] for other in kept if other != index], robot.drive, terms)
              for index in kept]
     unseen = {index: found for index in range(len(drives)) if index not in kept}
     for task, result in on_all_cores('Cross-validation', calibrate_by, tasks):
@@ -300,17 +320,13 @@ def run(options: argparse.Namespace) -> None:
     drives = [drive_of(log) for log in kept]
     terms = Terms(
         time_offset='time-offset' not in options.without, marker='marker' not in options.without)
-    found = calibrate(drives, robot.nominal, terms)
+    found = calibrate(drives, robot.drive, terms)
     print(summary_of(robot, found))
     unseen: dict[int, Calibration] = {}
     if len(drives) > 2 and not options.no_validation:
         unseen = cross_validate(drives, robot, terms, found)
     judged = [
-        Judged(
-            log.name, final_error(log, robot.nominal, robot, found),
-            final_error(log, found.drive, robot, found),
-            final_error(log, unseen[index].drive, robot, unseen[index])
-            if index in unseen else None)
+        judge(log, drives[index], index, robot, found, unseen.get(index), terms)
         for index, log in enumerate(kept)]
     print(judged_table(judged))
     values = parameters_of(robot, found)
@@ -326,8 +342,9 @@ def run(options: argparse.Namespace) -> None:
         from diffdrive_ros import plots
         after = Robot.of(values)
         comparisons = [
-            {'before': compared(log, robot, found), 'after': compared(log, after, found)}
-            for log in kept]
+            {'before': compared(log, robot, found, each.time_offset),
+             'after': compared(log, after, found, each.time_offset)}
+            for log, each in zip(kept, judged, strict=True)]
         plots.draw_calibration(options.plot, comparisons, found, judged)
 
 
@@ -379,8 +396,8 @@ def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]
             'time_std': found.time_std, 'marker': listed(found.marker),
             'marker_std': listed(found.marker_std)},
         'drives': [
-            {'name': each.name, 'time_offset': each.time_offset, 'left_out': each.outlier,
-             'final_error_nominal': errors.before, 'final_error': errors.after,
+            {'name': each.name, 'time_offset': errors.time_offset, 'left_out': each.outlier,
+             'final_error_before': errors.before, 'final_error': errors.after,
              'final_error_unseen': errors.unseen}
             for each, errors in zip(found.drives, judged, strict=True)],
     }

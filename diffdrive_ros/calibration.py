@@ -201,6 +201,31 @@ def calibrate(
     return fit.calibration(drives, outliers)
 
 
+def clock_offset(drive: Drive, found: Calibration) -> float:
+    """
+    Return how much later the wheels' clock of a drive is, by a calibration that has not seen it.
+
+    Start and offset [s] are fitted; geometry, marker and noise are those of the calibration.
+    Raises CalibrationError.
+    """
+    fit = _Fit([drive], found.drive, Terms(marker=False))
+    fit.free, fit.marker = (), found.marker
+    fit.variances = np.array([
+        found.noise.left_travel, found.noise.turn, found.position_std**2, found.heading_std**2,
+        found.time_std**2])
+    (state,) = fit.states
+    state.start = se2.compose(state.drive.reference[0], se2.inverse(found.marker))
+    try:
+        for _ in range(20):
+            solution = fit.solve()
+            fit.step(solution)
+            if abs(solution.locals_[0][3]) < 1e-4:
+                break
+    except np.linalg.LinAlgError:
+        raise CalibrationError(f'{drive.name}: does not tell the offset of its clock') from None
+    return state.time_offset
+
+
 # Logarithms of the separation, the mean radius and the ratio of the radii, which are estimated.
 _CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
     ((0, 1, 2), ()),
@@ -283,7 +308,6 @@ class _Fit:
         self.states = [_State(
             drive, se2.compose(drive.reference[0], se2.inverse(self.marker)), 0.0,
             np.ones(len(drive.reference)), np.zeros((2, len(drive.seconds)))) for drive in thinned]
-        self._choose_what_is_observed()
 
     @property
     def drive(self) -> DiffDrive:
@@ -293,11 +317,12 @@ class _Fit:
 
     def run(self) -> None:
         """Iterate until the geometry stands still."""
+        self._choose_what_is_observed()
         for _ in range(20):
             linears = [self._linear(state) for state in self.states]
             self.variances = self._likeliest(linears, self.states)
             self.solution = self._solve(linears, self.states, self.variances)
-            self._step(self.solution)
+            self.step(self.solution)
             self._weigh(self.solution)
             self._smooth(self.solution, linears)
             small = 0.1 * np.sqrt(np.diag(self.solution.covariance))
@@ -336,8 +361,7 @@ class _Fit:
     def _choose_what_is_observed(self) -> None:
         for self.free, self.not_observed in _CHOICES:
             try:
-                solution = self._solve(
-                    [self._linear(state) for state in self.states], self.states, self.variances)
+                solution = self.solve()
             except np.linalg.LinAlgError:
                 continue
             if np.linalg.cond(_scaled(solution.information)) > 1e12:
@@ -497,7 +521,13 @@ class _Fit:
             common, information, covariance, locals_, normals, float(objective), gradient, smooth,
             [part[0] for part in parts])
 
-    def _step(self, solution: _Solution) -> None:
+    def solve(self) -> _Solution:
+        """Return what the drives say where the search is now."""
+        return self._solve(
+            [self._linear(state) for state in self.states], self.states, self.variances)
+
+    def step(self, solution: _Solution) -> None:
+        """Go where a solution says that all is."""
         free = list(self.free)
         self.geometry[free] += np.clip(solution.common[:len(free)], -0.3, 0.3)
         if self.terms.marker:

@@ -111,7 +111,7 @@ def draw_calibration(
                  found.drive.right_wheel_radius), found.deviations, strict=True)
             for value in pair)))
     for number, both in enumerate(comparisons):
-        for name, label in (('before', 'nominal'), ('after', 'calibrated')):
+        for name, label in (('before', 'before'), ('after', 'calibrated')):
             each, colour = both[name], COLOURS[name]
             once = label if number == 0 else None
             if number == 0:
@@ -138,11 +138,11 @@ def draw_calibration(
     _label(ends, 'x [mm]', 'y [mm]', 'Errors of the last positions')
     places = np.arange(len(judged))
     for offset, (label, values, colour) in zip((-0.27, 0.0, 0.27), (
-            ('nominal', [each.before for each in judged], 'tab:orange'),
+            ('before', [each.before for each in judged], 'tab:orange'),
             ('calibrated', [each.after for each in judged], 'tab:blue'),
-            ('by the others only', [each.unseen or 0.0 for each in judged], 'tab:green')),
+            ('by the others only', [each.unseen for each in judged], 'tab:green')),
             strict=True):
-        bars.barh(places + offset, 1e3 * np.array(values), 0.25, color=colour, label=label)
+        bars.barh(places + offset, 1e3 * np.array(values, float), 0.25, color=colour, label=label)
     bars.set_yticks(places, [each.name[-24:] for each in judged])
     bars.invert_yaxis()
     _label(bars, 'final position error [mm]', '', 'Final errors')

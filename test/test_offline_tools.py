@@ -1,4 +1,5 @@
 """The tools for logs, as processes on real files."""
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -10,10 +11,11 @@ import time
 
 import bags
 from calibration_consistency import simulated_drive
-from diffdrive_ros import parameter_file
+from diffdrive_ros import calibrate, calibration, parameter_file
 from diffdrive_ros.config import Config, SPECS
 from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.odometry import Odometry, WheelNoise
+from diffdrive_ros.odometry import integrate, Odometry, WheelNoise
+from diffdrive_ros.parameter_file import Robot
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -102,6 +104,49 @@ def test_the_parameter_file_of_a_calibration_is_one_that_the_node_takes(calibrat
     assert config.geometry_uncertainty.wheel_separation > 0.0
     # What the file said besides is still there.
     assert (values['cmd_vel_timeout'], values['linear.x.max_velocity']) == (0.7, 0.8)
+
+
+@pytest.fixture(scope='module')
+def late_clocks(tmp_path_factory):
+    """Return logs that end at full speed, the reference's clock 0.3 s late, and their folder."""
+    folder, random = tmp_path_factory.mktemp('late'), np.random.default_rng(12)
+    for name in ('square', 'eight', 'there and back'):
+        drive = simulated_drive(
+            name, TRUTH, WheelNoise(1e-8, 1e-8, 1e-7), np.array([0.02, 0.01, 0.05]), random, 1e-3,
+            1e-3)
+        late = replace(drive, reference_seconds=drive.reference_seconds + 0.3)
+        write_csv(folder / f'{name.replace(" ", "_")}.csv', late)
+    (folder / 'nominal.yaml').write_text(NOMINAL)
+    return folder
+
+
+def test_final_errors_are_taken_with_the_offset_of_the_clocks_that_was_found(late_clocks):
+    done = tool('calibrate', *sorted(late_clocks.glob('*.csv')), '--params',
+                late_clocks / 'nominal.yaml', '--json', late_clocks / 'found.json')
+    assert done.returncode == 0, done.stderr
+    for drive in json.loads((late_clocks / 'found.json').read_text())['drives']:
+        # 0.3 s late at 0.4 m/s would be 0.12 m.
+        assert drive['final_error'] < 0.05
+        assert drive['final_error_unseen'] < 0.05
+        assert drive['time_offset'] == pytest.approx(-0.3, abs=0.07)
+        assert f'{drive["time_offset"]:.4f}' in done.stdout
+
+
+def test_what_the_drives_do_not_tell_stays_as_the_file_has_it():
+    robot = Robot.of({
+        'wheel_separation': 0.30, 'wheel_radius': 0.05, 'wheel_separation_multiplier': 1.01,
+        'left_wheel_radius_multiplier': 0.994, 'right_wheel_radius_multiplier': 1.008,
+        'wheel_separation_std': 0.0007})
+    random = np.random.default_rng(3)
+    angles, seconds = np.linspace(0.0, 100.0, 401), 0.05 * np.arange(401)
+    left, right = angles * 1.008, angles * 0.994
+    noisy = integrate(robot.drive, left, right) + 1e-3 * random.normal(size=(401, 3))
+    found = calibration.calibrate(
+        [calibration.Drive('line', seconds, left, right, seconds, noisy)], robot.drive)
+    assert found.not_observed
+    after = Robot.of(calibrate.parameters_of(robot, found))
+    assert after.drive.wheel_separation == pytest.approx(0.303)
+    assert after.uncertainty.wheel_separation == 0.0007
 
 
 def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
