@@ -51,6 +51,20 @@ def not_negative(name: str, value: float) -> float:
     return number
 
 
+# A measure that is not within these multiples of its nominal value is none of this robot.
+PLAUSIBLE = (0.5, 2.0)
+
+
+def plausible(name: str, found: float, nominal: float) -> float:
+    """Return a measure [m] that was found, if it can be that of the robot, or raise ValueError."""
+    least, most = PLAUSIBLE
+    if not least <= found / nominal <= most:
+        raise ValueError(
+            f'{name} = {1e3 * found:.4g} mm: must be {least:g} to {most:g} times '
+            f'{1e3 * nominal:.4g} mm')
+    return found
+
+
 def _number(value: object) -> float:
     """Return a number as a float, and nan for what is none or too large for one."""
     try:

@@ -18,7 +18,7 @@ import threading
 from typing import TYPE_CHECKING, TypeVar
 
 from diffdrive_ros import logs, parameter_file
-from diffdrive_ros.arguments import Array
+from diffdrive_ros.arguments import Array, plausible
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.logs import Log, Wanted
 from diffdrive_ros.loop_closure import line_and_turn, umbmark
@@ -283,11 +283,15 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
 def robot_of(options: argparse.Namespace) -> Robot:
     """Return the nominal robot; raises ValueError."""
     if options.params:
-        if options.separation or options.radius:
+        if options.separation is not None or options.radius is not None:
             raise OptionError('--params has the geometry: no --separation and --radius')
         return parameter_file.read(options.params)
     if options.separation is None or options.radius is None:
         raise OptionError('what is the robot nominally? --params, or --separation and --radius')
+    for name in ('separation', 'radius'):
+        if not 1e-3 <= getattr(options, name) <= 1e2:
+            raise OptionError(
+                f'--{name} = {getattr(options, name)}: must be from 0.001 to 100 m')
     return Robot.of({
         'left_wheel_names': ['left_wheel_joint'], 'right_wheel_names': ['right_wheel_joint'],
         'wheel_separation': options.separation, 'wheel_radius': options.radius})
@@ -314,9 +318,9 @@ def run(options: argparse.Namespace) -> None:
         if isinstance(result, ValueError):
             raise result
         read[index] = result
+    if len(read) < len(tasks):
+        raise KeyboardInterrupt
     kept = [read[index] for index in sorted(read)]
-    if not kept:
-        raise OptionError('interrupted before a log was read')
     drives = [drive_of(log) for log in kept]
     terms = Terms(
         time_offset='time-offset' not in options.without, marker='marker' not in options.without)
@@ -357,24 +361,32 @@ def run_by_ends(options: argparse.Namespace) -> None:
         if options.side is None:
             raise OptionError('--side: the side of the squares is needed [m]')
         ends = logs.read_ends(options.umbmark)
-        found = umbmark(ends['cw'], ends['ccw'], options.side, robot.nominal)
+        found = umbmark(ends['cw'], ends['ccw'], options.side, robot.drive)
     else:
         left, right, distance, sideways, turn_left, turn_right, turned = options.line_and_turn
         found = line_and_turn(
-            (left, right), distance, sideways, (turn_left, turn_right), turned, robot.nominal)
-    deviations = np.sqrt(np.diag(found.covariance))
-    print(f'E_b {found.separation_ratio:.5f} ± {found.ratio_deviations[0]:.5f}, '
-          f'E_d {found.diameter_ratio:.5f} ± {found.ratio_deviations[1]:.5f}')
-    for name, deviation in zip(
-            ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'), deviations,
-            strict=True):
-        print(f'{name:20} {1e3 * getattr(found.drive, name):9.3f} ± {1e3 * deviation:.3f} mm')
+            (left, right), distance, sideways, (turn_left, turn_right), turned, robot.drive)
+    measures = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
+    for name in measures:
+        plausible(name, getattr(found.drive, name), getattr(robot.drive, name))
+    deviations = np.sqrt(np.diag(found.covariance)).tolist()
+    # The sum of both radii is what it was before: their covariance is that of the ratio alone.
+    known = [bool(deviation) and (name == 'wheel_separation' or not options.umbmark)
+             for name, deviation in zip(measures, deviations, strict=True)]
+    print(f'E_b {found.separation_ratio:.5f} ± {_or_not_known(found.ratio_deviations[0], ".5f")}, '
+          f'E_d {found.diameter_ratio:.5f} ± {_or_not_known(found.ratio_deviations[1], ".5f")}')
+    for name, deviation, is_known in zip(measures, deviations, known, strict=True):
+        print(f'{name:20} {1e3 * getattr(found.drive, name):9.3f} ± '
+              f'{_or_not_known(1e3 * deviation * is_known, ".3f")} mm')
     if options.output:
         values = dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
-            f'{name}_std': max(float(deviation), by_hand) for name, deviation, by_hand in zip(
-                ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'), deviations,
-                BY_HAND, strict=True)}
+            f'{name}_std': max(deviation, by_hand) for name, deviation, by_hand in zip(
+                measures, deviations, BY_HAND, strict=True)}
         parameter_file.write(options.output, values, COMMENTS, 'Calibrated by end poses.')
+
+
+def _or_not_known(deviation: float, form: str) -> str:
+    return format(deviation, form) if deviation else 'not known'
 
 
 def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import math
 
 from diffdrive_ros import se2
-from diffdrive_ros.arguments import Array
+from diffdrive_ros.arguments import Array, plausible
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.linearization import Linearization, linearize
 from diffdrive_ros.odometry import GeometryUncertainty, integrate, ORIGIN, WheelNoise
@@ -43,9 +43,6 @@ ROUGHER = 4.0  # or whose own noise is this many times that of the others, in va
 OBSERVED = 0.1
 
 MEASURES = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
-
-# A measure that is not within these multiples of its nominal value is none of this robot.
-PLAUSIBLE = (0.5, 2.0)
 
 # A geometry whose last step, relative to itself, is longer has not been found.
 RESTLESS = 0.01
@@ -333,14 +330,11 @@ class _Fit:
 
     def check(self) -> None:
         """Raise CalibrationError if what was found cannot be the robot that was driven."""
-        start = (self.nominal.wheel_separation, self.nominal.left_wheel_radius,
-                 self.nominal.right_wheel_radius)
-        for name, nominal in zip(MEASURES, start, strict=True):
-            found = getattr(self.drive, name)
-            if not PLAUSIBLE[0] <= found / nominal <= PLAUSIBLE[1]:
-                raise CalibrationError(
-                    f'{name} = {1e3 * found:.3f} mm: must be {PLAUSIBLE[0]:g} to '
-                    f'{PLAUSIBLE[1]:g} times {1e3 * nominal:.3f} mm{USUAL}')
+        for name in MEASURES:
+            try:
+                plausible(name, getattr(self.drive, name), getattr(self.nominal, name))
+            except ValueError as error:
+                raise CalibrationError(f'{error}{USUAL}') from None
         for state in self.states:
             if abs(state.time_offset) > CLOCKS:
                 raise CalibrationError(

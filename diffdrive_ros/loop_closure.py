@@ -44,8 +44,8 @@ def umbmark(
 
     clockwise and counter_clockwise, (N, 2): for each drive, where the robot really is at the end
     minus where odometry with the nominal geometry has it [m]; the robot started along x, and
-    clockwise turned right. The deviations come from how the ends of each way scatter, so from two
-    drives on. Raises ValueError.
+    clockwise turned right. The deviations come from how the ends of each way scatter; 0 is not
+    known, for fewer than two drives of either way. Raises ValueError.
     """
     side = positive('side', side)
     ways = [vectors(name, errors, 2) for name, errors in (
@@ -58,8 +58,8 @@ def umbmark(
     means = np.concatenate([errors.mean(axis=0) for errors in ways])
     measured = means + np.concatenate(expected)
     covariance = np.zeros((4, 4))
-    for index, errors in enumerate(ways):
-        if len(errors) > 1:
+    if min(map(len, ways)) > 1:
+        for index, errors in enumerate(ways):
             part = slice(2 * index, 2 * index + 2)
             covariance[part, part] = np.cov(errors.T) / len(errors)
     logarithms = np.zeros(2)

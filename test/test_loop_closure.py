@@ -70,6 +70,16 @@ def test_umbmark_stays_within_its_error_bars_with_noise():
     assert np.abs(np.mean(scores, axis=0)).max() < 0.25
 
 
+@pytest.mark.parametrize('counts', [(1, 1), (1, 5), (5, 1)])
+def test_one_drive_of_a_way_does_not_tell_how_the_ends_scatter(counts):
+    truth = robot(1.012, 1.004)
+    found = umbmark(*(
+        end_errors(truth, sign, count, 0.02)
+        for sign, count in zip((-1.0, 1.0), counts, strict=True)), SIDE, NOMINAL)
+    assert found.ratio_deviations == (0.0, 0.0)
+    assert not found.covariance.any()
+
+
 @pytest.mark.parametrize(('clockwise', 'side', 'rule'), [
     ([[0.1, 0.1]], 0.0, 'side = 0.0: must be positive'),
     ([[0.1, math.nan]], 4.0, 'must be finite'),

@@ -14,6 +14,7 @@ from calibration_consistency import simulated_drive
 from diffdrive_ros import calibrate, calibration, parameter_file
 from diffdrive_ros.config import Config, SPECS
 from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.loop_closure import square_angles
 from diffdrive_ros.odometry import integrate, Odometry, WheelNoise
 from diffdrive_ros.parameter_file import Robot
 import numpy as np
@@ -235,6 +236,57 @@ def test_squares_and_a_ruler_will_do(tmp_path):
     assert done.returncode == 0, done.stderr
     assert 'E_b 1.0' in done.stdout
     assert parameter_file.read(tmp_path / 'robot.yaml').drive.wheel_separation > 0.34
+
+
+def ends_of(path, truth, before):
+    """Write the ends of squares, as a robot with odometry of one geometry drives them."""
+    random, rows = np.random.default_rng(6), ['direction,x,y']
+    for way, sign in (('cw', -1.0), ('ccw', 1.0)):
+        angles = square_angles(before, 4.0, sign)
+        error = (integrate(truth, *angles)[-1] - integrate(before, *angles)[-1])[:2]
+        rows += [f'{way},{x:.6f},{y:.6f}'
+                 for x, y in error + 0.002 * random.normal(size=(5, 2))]
+    path.write_text('\n'.join(rows) + '\n')
+
+
+def test_a_second_pass_of_squares_goes_on_from_the_first(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path('0.yaml').write_text(NOMINAL)
+    truth = DiffDrive(0.3051, 0.0496, 0.0504)
+    for number in range(2):
+        ends_of(Path('ends.csv'), truth, parameter_file.read(Path(f'{number}.yaml')).drive)
+        calibrate.main([
+            '--umbmark', 'ends.csv', '--side', '4', '--params', f'{number}.yaml', '--output',
+            f'{number + 1}.yaml'])
+        found = parameter_file.read(Path(f'{number + 1}.yaml')).drive
+        assert found.wheel_separation == pytest.approx(truth.wheel_separation, rel=2e-3)
+        assert found.right_wheel_radius == pytest.approx(truth.right_wheel_radius, rel=1e-3)
+    # Squares do not tell how large the wheels are, whatever their ratio.
+    said = capsys.readouterr().out
+    assert re.search(r'left_wheel_radius .* not known mm', said)
+    assert not re.search(r'wheel_separation .* not known mm', said)
+
+
+def test_a_line_and_a_turn_have_no_error_bars_and_give_no_giant(capsys):
+    line = ['--line-and-turn', '100', '99', '3.3', '0.1', '-150', '150', '60', '--radius', '0.033']
+    calibrate.main([*line, '--separation', '0.16'])
+    assert capsys.readouterr().out.count('not known') == 5
+    with pytest.raises(SystemExit, match=r'wheel_separation = .* mm: must be 0.5 to 2 times'):
+        calibrate.main([*line, '--separation', '1.6'])
+    with pytest.raises(SystemExit, match=r'--separation = 1e\+300: must be from 0.001 to 100 m'):
+        calibrate.main([*line, '--separation', '1e300'])
+
+
+def test_ctrl_c_while_logs_are_read_ends_with_1_and_writes_nothing(place, monkeypatch, tmp_path):
+    def cut_short(what, function, tasks):
+        yield 0, function(*tasks[0])
+
+    monkeypatch.setattr(calibrate, 'on_all_cores', cut_short)
+    with pytest.raises(SystemExit, match='calibrate: interrupted'):
+        calibrate.main([
+            str(place / 'square.csv'), str(place / 'eight.csv'), '--params',
+            str(place / 'nominal.yaml'), '--output', str(tmp_path / 'robot.yaml')])
+    assert not (tmp_path / 'robot.yaml').exists()
 
 
 def test_ctrl_c_keeps_what_is_done(place):
