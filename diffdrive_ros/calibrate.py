@@ -135,14 +135,19 @@ def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
     deviations = [
         float(deviation) or before or by_hand for deviation, before, by_hand in zip(
             found.deviations, astuple(robot.uncertainty), BY_HAND, strict=True)]
-    return dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
+    return dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
         'turn_variance': found.noise.turn,
         'wheel_separation_std': deviations[0],
         'left_wheel_radius_std': deviations[1],
         'right_wheel_radius_std': deviations[2],
-    }
+    })
+
+
+def _rounded(values: dict[str, float]) -> dict[str, float]:
+    """Return what was found with as many digits as people can bear; what is copied keeps all."""
+    return {name: float(f'{value:.9g}') for name, value in values.items()}
 
 
 COMMENTS = {
@@ -379,9 +384,10 @@ def run_by_ends(options: argparse.Namespace) -> None:
         print(f'{name:20} {1e3 * getattr(found.drive, name):9.3f} ± '
               f'{_or_not_known(1e3 * deviation * is_known, ".3f")} mm')
     if options.output:
-        values = dict(robot.values) | multipliers_of(robot.nominal, found.drive) | {
+        values = dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
             f'{name}_std': max(deviation, by_hand) for name, deviation, by_hand in zip(
-                measures, deviations, BY_HAND, strict=True)}
+                measures, deviations, BY_HAND, strict=True)})
+        parameter_file.check(values)
         parameter_file.write(options.output, values, COMMENTS, 'Calibrated by end poses.')
 
 

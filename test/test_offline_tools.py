@@ -196,7 +196,7 @@ def test_a_replay_is_what_odometry_says_of_the_same_messages(tmp_path):
 
 @pytest.mark.parametrize(('arguments', 'rule'), [
     (['square.csv', '--params', 'nothing.yaml'], 'nothing.yaml: .*No such file'),
-    (['square.csv', '--params', 'other.yaml'], 'wheel_separation = .not set.: must be positive'),
+    (['square.csv', '--params', 'other.yaml'], 'no key that is the node /odometry, but /other_'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'new.doc'], 'new.doc: must end with'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'there.csv'], 'exists: --force'),
     (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
