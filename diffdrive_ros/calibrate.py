@@ -25,10 +25,11 @@ from diffdrive_ros.loop_closure import line_and_turn, umbmark
 from diffdrive_ros.parameter_file import Robot
 from diffdrive_ros.replay import (
     add_log_options,
+    check_outputs,
     compare,
     Comparison,
     OptionError,
-    refuse_to_overwrite,
+    refuse_idle,
     replay,
 )
 import numpy as np
@@ -304,13 +305,16 @@ def robot_of(options: argparse.Namespace) -> Robot:
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate by logs; raises ValueError for what cannot be done."""
-    refuse_to_overwrite(options.force, options.output, options.json, options.plot)
+    check_outputs(
+        {'--output': options.output, '--json': options.json, '--plot': options.plot},
+        (*options.logs, options.params, options.umbmark), options.force)
     if options.umbmark or options.line_and_turn:
         run_by_ends(options)
         return
     if not options.logs:
         raise OptionError('no logs; or --umbmark, or --line-and-turn')
-    for extra in ('rich', 'scipy', *(['matplotlib'] if options.plot else [])):
+    refuse_idle(options, ('--side',), 'without --umbmark')
+    for extra in ('rich', 'scipy'):
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
     from diffdrive_ros.calibration import calibrate, Terms
@@ -362,6 +366,10 @@ def run_by_ends(options: argparse.Namespace) -> None:
     robot = robot_of(options)
     if options.logs or (options.umbmark and options.line_and_turn):
         raise OptionError('logs, --umbmark and --line-and-turn: must be one of the three')
+    refuse_idle(
+        options, ('--json', '--plot', '--reference', '--reference-child', '--without',
+                  '--no-validation', *(('--side',) if options.line_and_turn else ())),
+        'without logs')
     if options.umbmark:
         if options.side is None:
             raise OptionError('--side: the side of the squares is needed [m]')

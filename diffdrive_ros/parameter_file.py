@@ -1,9 +1,9 @@
 """
 The node's parameter file, read and written where there is no ROS.
 
-Of the parameters, those that odometry depends on are taken, by the node's rules; the node validates
-all of them when it starts. Names, rules and defaults are those of parameters.py and config.py,
-which need ROS; test_parameter_file.py holds the two against each other.
+Of the parameters, those that odometry depends on are taken, by the node's rules; the node
+validates all of them when it starts. Names, rules and defaults are those of parameters.py and
+config.py, which need ROS; test_parameter_file.py holds the two against each other.
 """
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

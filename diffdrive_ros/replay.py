@@ -4,8 +4,9 @@ Replay a log: odometry as the node would have published it, and how far it is fr
 The poses go to a TUM text, a CSV or an .mcap; the figures to a table, and as JSON to a file.
 """
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import importlib.util
 import json
 from pathlib import Path
 import sys
@@ -140,16 +141,17 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--before', type=Path, help='parameters to compare with, such as those not calibrated')
     add_log_options(parser)
     parser.add_argument(
-        '--align', choices=evaluation.ALIGNMENTS, default='start',
-        help='frames are brought together by the first pose, the whole path, or not at all')
+        '--align', choices=evaluation.ALIGNMENTS,
+        help='frames are brought together by the first pose (the default), the whole path, or '
+        'not at all')
     parser.add_argument(
         '--marker', type=float, nargs=3, metavar=('X', 'Y', 'THETA'),
         help='pose of the reference in the body frame [m, m, rad]')
     parser.add_argument(
-        '--time-offset', type=float, default=0.0,
+        '--time-offset', type=float,
         help="added to the reference's stamps [s], default: 0")
     parser.add_argument(
-        '--reference-std', type=float, nargs=2, default=(0.0, 0.0),
+        '--reference-std', type=float, nargs=2,
         metavar=('POSITION', 'HEADING'),
         help='deviations of the reference itself, for the NEES [m, rad]')
     parser.add_argument(
@@ -169,25 +171,68 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         '--reference-child', help='child frame of the reference, where its topic has several')
 
 
-def refuse_to_overwrite(force: bool, *paths: Path | None) -> None:
-    """Raise OptionError if a file is there already, or cannot be."""
-    for path in paths:
+PICTURES = ('.png', '.pdf', '.svg')
+
+
+def check_outputs(
+    outputs: Mapping[str, Path | None], inputs: Sequence[Path | None], force: bool,
+) -> None:
+    """Raise OptionError if an output, by its option, cannot be written or must not be."""
+    taken = {path.resolve(): f'{path} is an input' for path in inputs if path is not None}
+    for option, path in outputs.items():
         if path is None:
             continue
+        if option == '--plot':
+            if path.suffix not in PICTURES:
+                raise OptionError(f'--plot {path}: must end with {", ".join(PICTURES)}')
+            if importlib.util.find_spec('matplotlib') is None:
+                raise OptionError('matplotlib is needed: pip install matplotlib')
+        if path.is_dir():
+            raise OptionError(f'{option} {path}: is a folder, must be a file')
         if not path.resolve().parent.is_dir():
-            raise OptionError(f'{path}: its folder does not exist')
+            raise OptionError(f'{option} {path}: its folder does not exist')
+        if path.resolve() in taken:
+            raise OptionError(f'{option} {path}: {taken[path.resolve()]}, must be another file')
+        taken[path.resolve()] = f'{path} is what {option} writes'
         if path.exists() and not force:
             raise OptionError(f'{path} exists: --force writes over it')
 
 
+def refuse_idle(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Raise OptionError if one of the options was given though it would do nothing."""
+    for name in names:
+        value = getattr(options, name.strip('-').replace('-', '_'))
+        if not (value is None or value is False or value == []):
+            raise OptionError(f'{name}: does nothing {why}')
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
+    for name, values, most in (
+            ('--marker', options.marker or (), 1e3),
+            ('--time-offset', [options.time_offset or 0.0], 1e6)):
+        for value in values:
+            if not abs(value) <= most:
+                raise OptionError(f'{name} {value}: must be within {most:g}')
+    for value in options.reference_std or ():
+        if not 0.0 <= value <= 1e3:
+            raise OptionError(f'--reference-std {value}: must be from 0 to 1000')
+
+
 def run(options: argparse.Namespace) -> None:
     """Replay one log; raises ValueError for what cannot be done."""
-    refuse_to_overwrite(options.force, options.output, options.json, options.plot)
+    check_outputs(
+        {'--output': options.output, '--json': options.json, '--plot': options.plot},
+        (options.log, options.params, options.before), options.force)
     if options.output and options.output.suffix not in FORMATS:
         raise OptionError(f'--output {options.output}: must end with {", ".join(FORMATS)}')
+    _check_numbers(options)
     robot = parameter_file.read(options.params)
     wanted = Wanted(options.wheels, options.reference, options.reference_child)
     log = logs.read(options.log, robot.feedback(), wanted)
+    if log.reference is None:
+        refuse_idle(
+            options, ('--marker', '--time-offset', '--align', '--reference-std'),
+            'without a reference')
     is_full = options.output is not None and options.output.suffix == '.mcap'
     every = 1 if is_full else max(1, len(log.samples) // COMPARED)
     robots = {'': robot}
@@ -201,9 +246,10 @@ def run(options: argparse.Namespace) -> None:
     if log.reference is not None:
         comparisons = {
             name: compare(
-                each, log.reference, how=options.align, time_offset=options.time_offset,
+                each, log.reference, how=options.align or 'start',
+                time_offset=options.time_offset or 0.0,
                 marker=None if options.marker is None else np.array(options.marker),
-                reference_std=tuple(options.reference_std))
+                reference_std=tuple(options.reference_std or (0.0, 0.0)))
             for name, each in results.items()}
         print(table_of({name: each.figures for name, each in comparisons.items()}))
     if options.output:

@@ -11,7 +11,7 @@ import time
 
 import bags
 from calibration_consistency import simulated_drive
-from diffdrive_ros import calibrate, calibration, parameter_file
+from diffdrive_ros import calibrate, calibration, parameter_file, replay
 from diffdrive_ros.config import Config, SPECS
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.loop_closure import square_angles
@@ -194,21 +194,40 @@ def test_a_replay_is_what_odometry_says_of_the_same_messages(tmp_path):
     assert last[0] == '1700000000.903456789'
 
 
+ANY = ['square.csv', '--params', 'nominal.yaml']
+
+
 @pytest.mark.parametrize(('arguments', 'rule'), [
     (['square.csv', '--params', 'nothing.yaml'], 'nothing.yaml: .*No such file'),
     (['square.csv', '--params', 'other.yaml'], 'no key that is the node /odometry, but /other_'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'new.doc'], 'new.doc: must end with'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'there.csv'], 'exists: --force'),
     (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
+    ([*ANY, '--output', 'a.csv', '--plot', 'a.jpg'], '--plot a.jpg: must end with .png, .pdf'),
+    ([*ANY, '--output', 'a.csv', '--json', './a.csv'], 'a.csv is what --output writes, must be'),
+    ([*ANY, '--output', 'square.csv', '--force'], '--output square.csv: square.csv is an input'),
+    ([*ANY, '--json', 'nominal.yaml', '--force'], '--json nominal.yaml: nominal.yaml is an input'),
+    ([*ANY, '--json', '.', '--force'], 'is a folder, must be a file'),
+    ([*ANY, '--json', 'no/a.json'], '--json no/a.json: its folder does not exist'),
+    ([*ANY, '--time-offset', '1e300'], r'--time-offset 1e\+300: must be within 1e\+06'),
+    ([*ANY, '--time-offset', 'nan'], '--time-offset nan: must be within'),
+    ([*ANY, '--marker', '0', 'inf', '0'], '--marker inf: must be within'),
+    ([*ANY, '--reference-std', '0.1', '-0.1'], '--reference-std -0.1: must be from 0'),
+    (['bare.csv', *ANY[1:], '--time-offset', '0'], '--time-offset: does nothing without a ref'),
+    (['bare.csv', *ANY[1:], '--align', 'start'], '--align: does nothing without a reference'),
 ])
 def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
     monkeypatch.chdir(place)
     Path('other.yaml').write_text(NOMINAL.replace('/**:', '/other_node:'))
     Path('there.csv').write_text('mine')
+    Path('bare.csv').write_text('stamp,left,right\n0,0,0\n1,1,1\n2,2,2\n')
     Path('late.csv').write_text(
         'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
-    line = refused('replay', *arguments)
-    assert re.search(rule, line), line
+    with pytest.raises(SystemExit, match=rule) as ended:
+        replay.main(arguments)
+    assert '\n' not in ended.value.code
+    assert ended.value.code.startswith('replay: ')
+    assert not Path('a.csv').exists()
     assert Path('there.csv').read_text() == 'mine'
 
 
@@ -217,10 +236,16 @@ def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
     (['square.csv'], 'what is the robot nominally'),
     (['bare.csv', '--params', 'nominal.yaml'], 'bare.csv: has no reference'),
     (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
-    (['square.csv', '--params', 'nominal.yaml', '--output', 'nominal.yaml'], 'exists: --force'),
+    (['square.csv', '--params', 'nominal.yaml', '--output', 'other.yaml'], 'exists: --force'),
+    ([*ANY, '--output', 'nominal.yaml', '--force'], 'nominal.yaml is an input, must be another'),
+    ([*ANY, '--output', 'a.yaml', '--plot', 'a'], '--plot a: must end with .png'),
+    ([*ANY, '--side', '4'], '--side: does nothing without --umbmark'),
+    (['--umbmark', 'ends.csv', '--side', '4', *ANY[1:], '--json', 'a.json'], '--json: does noth'),
+    (['--umbmark', 'ends.csv', '--side', '4', *ANY[1:], '--plot', 'a.png'], '--plot: does noth'),
 ])
 def test_calibrate_refuses_in_one_line(place, monkeypatch, arguments, rule):
     monkeypatch.chdir(place)
+    Path('other.yaml').write_text(NOMINAL)
     Path('bare.csv').write_text('stamp,left,right\n0,0,0\n1,1,1\n2,2,2\n')
     Path('late.csv').write_text(
         'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
