@@ -28,6 +28,7 @@ from diffdrive_ros.replay import (
     check_outputs,
     compare,
     Comparison,
+    LOG_HELP,
     OptionError,
     refuse_idle,
     replay,
@@ -88,7 +89,12 @@ def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
     log = logs.read(path, robot.feedback(), wanted)
     if log.reference is None:
         raise logs.LogError(f'{path}: has no reference; --reference names its topic')
-    log.wheels()
+    stamps, _, _ = log.wheels()
+    seen = log.reference.stamps_ns
+    if seen[-1] < stamps[0] or seen[0] > stamps[-1]:
+        raise logs.LogError(
+            f'{path}: the reference, from {seen[0] * 1e-9:.3f} to {seen[-1] * 1e-9:.3f} s, does '
+            f'not overlap the wheels, from {stamps[0] * 1e-9:.3f} to {stamps[-1] * 1e-9:.3f} s')
     return log
 
 
@@ -257,8 +263,7 @@ def cross_validate(
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__.split('\n\n')[0])
-    parser.add_argument(
-        'logs', type=Path, nargs='*', help='rosbag2 folders, .mcap, .db3 or .csv')
+    parser.add_argument('logs', type=Path, nargs='*', help=f'each a {LOG_HELP}')
     parser.add_argument(
         '--params', type=Path, help="the node's parameter file, with the nominal geometry")
     parser.add_argument(

@@ -1,10 +1,11 @@
 """
 Logs: a rosbag2 folder, .mcap or .db3, or a CSV; the only file that opens them.
 
-A CSV has the header stamp,left,right or stamp,left,right,x,y,theta: seconds, wheel angles [rad],
-and a pose of the reference [m, m, rad]. Wheels or pose may be empty in a row, so that each has a
-rate of its own. Of a bag, wheels come from JointStates by name, and poses from Odometry,
-PoseStamped, PoseWithCovarianceStamped or TF, by topic; what else is in it is passed over unread.
+A CSV has the header stamp,left,right or stamp,left,right,x,y,theta: seconds that grow, wheel
+angles [rad], continuous and growing as the robot drives forward, and a pose of the reference
+[m, m, rad]. Wheels or pose may be empty in a row, so that each has a rate of its own. Of a bag,
+wheels come from JointStates by name, and poses from Odometry, PoseStamped,
+PoseWithCovarianceStamped or TF, by topic; what else is in it is passed over unread.
 """
 from collections.abc import Iterator, Mapping, Sequence
 import csv
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 BAGS = ('.mcap', '.db3')
+LATEST = 9e9  # [s], of a stamp: nanoseconds have to fit into 64 bits
+LARGEST_ANGLE = 1e9  # [rad]; finer than a microradian up to there
+
 COLUMNS = ['stamp', 'left', 'right']
 WITH_REFERENCE = [*COLUMNS, 'x', 'y', 'theta']
 
@@ -91,6 +95,8 @@ def read(path: Path, feedback: WheelFeedback, wanted: Wanted | None = None) -> L
     wanted = wanted or Wanted()
     if not path.exists():
         raise LogError(f'{path}: no such file or folder')
+    if path.is_dir() and not (path / 'metadata.yaml').is_file():
+        raise LogError(f'{path}: is no rosbag2 folder: it has no metadata.yaml')
     if path.is_dir() or path.suffix in BAGS:
         samples, poses = _read_bag(path, feedback, wanted)
     elif path.suffix == '.csv':
@@ -110,9 +116,10 @@ _Poses = list[SeenPose]
 
 
 def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
-    samples, poses = [], []
+    samples: list[WheelSample] = []
+    poses: _Poses = []
     try:
-        with path.open(newline='', encoding='utf-8') as file:
+        with path.open(newline='', encoding='utf-8-sig') as file:
             rows = csv.reader(file)
             header = [name.strip() for name in next(rows, [])]
             if header not in (COLUMNS, WITH_REFERENCE):
@@ -121,11 +128,20 @@ def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
                     f'{",".join(COLUMNS)} or {",".join(WITH_REFERENCE)}')
             for row in rows:
                 where = f'{path}, line {rows.line_num}'
+                if not ''.join(row).strip():
+                    continue
                 if len(row) != len(header):
                     raise LogError(f'{where}: {len(row)} columns, must be {len(header)}')
                 stamp_ns = _stamp_ns(row[0], where)
                 if row[1].strip() or row[2].strip():
                     left, right = _numbers(row[1:3], where)
+                    if max(abs(left), abs(right)) > LARGEST_ANGLE:
+                        raise LogError(
+                            f'{where}: {row[1]},{row[2]}: must be within {LARGEST_ANGLE:g} rad')
+                    if samples and stamp_ns <= samples[-1].stamp_ns:
+                        raise LogError(
+                            f'{where}: stamp {row[0]} is not later than the one before: stamps '
+                            'of the wheels must grow')
                     samples.append(WheelSample(left, right, stamp_ns))
                 if any(field.strip() for field in row[3:]):
                     x, y, theta = _numbers(row[3:], where)
@@ -139,12 +155,14 @@ def read_ends(path: Path) -> dict[str, Array]:
     """Return the ends of squares by their direction, cw and ccw, (N, 2); raises LogError."""
     ends: dict[str, list[list[float]]] = {'cw': [], 'ccw': []}
     try:
-        with path.open(newline='', encoding='utf-8') as file:
+        with path.open(newline='', encoding='utf-8-sig') as file:
             rows = csv.reader(file)
             if (header := next(rows, [])) != ['direction', 'x', 'y']:
                 raise LogError(f'{path}: the header is {",".join(header)}, must be direction,x,y')
             for row in rows:
                 where = f'{path}, line {rows.line_num}'
+                if not ''.join(row).strip():
+                    continue
                 if len(row) != 3 or row[0] not in ends:
                     raise LogError(f'{where}: must be cw or ccw, x, y')
                 ends[row[0]].append(_numbers(row[1:], where))
@@ -158,10 +176,13 @@ def read_ends(path: Path) -> dict[str, Array]:
 
 def _stamp_ns(text: str, where: str) -> int:
     """Return seconds as integer nanoseconds, to the last digit."""
+    seconds = _numbers([text], where)[0]
+    if not abs(seconds) <= LATEST:
+        raise LogError(f'{where}: stamp {text[:40]}: must be within {LATEST:g} s')
     whole, _, fraction = text.strip().partition('.')
     if whole.isdecimal() and (fraction.isdecimal() or not fraction):
         return int(whole) * 10**9 + int(fraction[:9].ljust(9, '0'))
-    return round(_numbers([text], where)[0] * 1e9)
+    return round(seconds * 1e9)
 
 
 def _numbers(texts: Sequence[str], where: str) -> list[float]:
@@ -170,7 +191,7 @@ def _numbers(texts: Sequence[str], where: str) -> list[float]:
     except ValueError:
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
-        raise LogError(f'{where}: {",".join(texts)!r}: must be finite numbers')
+        raise LogError(f'{where}: {",".join(texts)[:80]!r}: must be finite numbers')
     return numbers
 
 
@@ -264,7 +285,8 @@ class _Bag:
             raise
         except Exception as error:
             detail = ' '.join(str(error).split()) or type(error).__name__
-            raise LogError(f'{self._path}: cannot be read as a bag: {detail}') from None
+            raise LogError(
+                f'{self._path}: cannot be read as a bag, was it cut off? {detail}') from None
 
 
 def _of_one_child(path: Path, wanted: Wanted, poses: _Poses) -> _Poses:

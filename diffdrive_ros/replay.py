@@ -20,6 +20,10 @@ from diffdrive_ros.parameter_file import Robot
 import numpy as np
 import numpy.typing as npt
 
+LOG_HELP = (
+    'rosbag2 folder, .mcap, .db3, or .csv with the header stamp,left,right[,x,y,theta]: stamps '
+    '[s] that grow, wheel angles [rad] that are continuous and forward-positive (directions and '
+    'wraps of the parameters are for bags), pose of the reference [m, m, rad]')
 FORMATS = ('.tum', '.txt', '.csv', '.mcap')
 
 # Poses of the reference that are compared, at most, evenly over the log.
@@ -134,7 +138,7 @@ def _unsure(poses: Array, how: str, position: float, heading: float) -> Array:
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(prog='replay', description=__doc__.split('\n\n')[0])
-    parser.add_argument('log', type=Path, help='rosbag2 folder, .mcap, .db3 or .csv')
+    parser.add_argument('log', type=Path, help=LOG_HELP)
     parser.add_argument(
         '--params', type=Path, required=True, help="the node's parameter file")
     parser.add_argument(

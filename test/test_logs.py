@@ -65,6 +65,12 @@ def test_a_csv_gives_wheels_and_reference_each_at_its_own_rate(tmp_path):
     assert log.reference.poses[:, 2] == pytest.approx([3.1, 2.0 * math.pi - 3.1])
 
 
+def test_a_csv_may_begin_with_the_mark_of_its_encoding_and_have_blank_lines(tmp_path):
+    path = tmp_path / 'drive.csv'
+    path.write_bytes(b'\xef\xbb\xbfstamp,left,right\r\n0,0,0\r\n\r\n1,1,1\r\n  \r\n\r\n')
+    assert len(logs.read(path, feedback()).samples) == 2
+
+
 def test_a_csv_without_a_reference_has_none(tmp_path):
     path = tmp_path / 'drive.csv'
     path.write_text('stamp,left,right\n0,0,0\n0.5,1,1\n1,2,2\n')
@@ -112,6 +118,7 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage, damage):
             logs.read(path, feedback(), Wanted(reference='mocap'))
         assert '\n' not in str(error.value)
         assert str(path) in str(error.value)
+        assert 'was it cut off?' in str(error.value)
 
 
 @pytest.mark.parametrize(('content', 'rule'), [
@@ -121,6 +128,13 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage, damage):
     ('stamp,left,right\n0,0,0\n1,nan,0\n', 'line 3: .*must be finite'),
     ('stamp,left,right\n0,0,0\n1,1\n', 'line 3: 2 columns, must be 3'),
     ('stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n', 'the reference has 0 poses'),
+    ('stamp,left,right\n0,0,0\n2,1,1\n1,2,2\n', 'line 4: stamp 1 is not later than .*must grow'),
+    ('stamp,left,right\n0,0,0\n1,1,1\n0,0,0\n1,1,1\n', 'line 4: stamp 0 is not later'),
+    ('stamp,left,right\n0,0,0\n1e300,1,1\n', r'line 3: stamp 1e300: must be within 9e\+09 s'),
+    ('stamp,left,right\n0,0,0\n-1e300,1,1\n', 'line 3: stamp -1e300: must be within'),
+    (f'stamp,left,right\n0,0,0\n{"7" * 5000},1,1\n', 'line 3: .*must be finite numbers'),
+    (f'stamp,left,right\n0,0,0\n{"7" * 50},1,1\n', 'line 3: stamp 7{40}: must be within'),
+    ('stamp,left,right\n0,0,0\n1,1e300,1\n', r'line 3: 1e300,1: must be within 1e\+09 rad'),
 ])
 def test_a_damaged_csv_is_refused_with_the_line(tmp_path, content, rule):
     path = tmp_path / 'drive.csv'
@@ -139,6 +153,9 @@ def test_what_a_bag_does_not_have_is_said_with_what_it_has(tmp_path):
         logs.read(folder, WheelFeedback(['l'], [WHEELS[1]]))
     with pytest.raises(LogError, match='no such file'):
         logs.read(tmp_path / 'nothing.mcap', feedback())
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(LogError, match=r'empty: is no rosbag2 folder: it has no metadata.yaml'):
+        logs.read(tmp_path / 'empty', feedback())
     (tmp_path / 'notes.txt').write_text('')
     with pytest.raises(LogError, match='must be a rosbag2 folder'):
         logs.read(tmp_path / 'notes.txt', feedback())

@@ -235,7 +235,7 @@ def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
     ([], 'no logs; or --umbmark'),
     (['square.csv'], 'what is the robot nominally'),
     (['bare.csv', '--params', 'nominal.yaml'], 'bare.csv: has no reference'),
-    (['late.csv', '--params', 'nominal.yaml'], 'does not overlap'),
+    (['late.csv', '--params', 'nominal.yaml'], 'from 900.000 to 901.000 s, does not overlap'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'other.yaml'], 'exists: --force'),
     ([*ANY, '--output', 'nominal.yaml', '--force'], 'nominal.yaml is an input, must be another'),
     ([*ANY, '--output', 'a.yaml', '--plot', 'a'], '--plot a: must end with .png'),
@@ -248,7 +248,7 @@ def test_calibrate_refuses_in_one_line(place, monkeypatch, arguments, rule):
     Path('other.yaml').write_text(NOMINAL)
     Path('bare.csv').write_text('stamp,left,right\n0,0,0\n1,1,1\n2,2,2\n')
     Path('late.csv').write_text(
-        'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
+        'stamp,left,right,x,y,theta\n50,0,0,,,\n51,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
     assert rule in refused('calibrate', *arguments)
     assert Path('nominal.yaml').read_text() == NOMINAL
 
