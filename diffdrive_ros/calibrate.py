@@ -28,6 +28,7 @@ from diffdrive_ros.replay import (
     check_outputs,
     compare,
     Comparison,
+    first_compared,
     LOG_HELP,
     OptionError,
     refuse_idle,
@@ -214,8 +215,9 @@ def compared(log: Log, robot: Robot, found: 'Calibration', time_offset: float) -
     """Return odometry of a log beside its reference, from the first pose on."""
     assert log.reference is not None
     every = max(1, len(log.samples) // 500)
+    known_ns = first_compared(log.samples, log.reference, time_offset)
     return compare(
-        replay(robot, log.samples, every), log.reference, marker=found.marker,
+        replay(robot, log.samples, every, known_ns), log.reference, marker=found.marker,
         time_offset=time_offset, reference_std=(found.position_std, found.heading_std))
 
 

@@ -2,8 +2,9 @@
 Odometry against a reference: how far off it is, along the way and at the end.
 
 Poses are of the same moments, (N, 3). Errors of position are in m, of heading in rad. ATE and RPE
-are the root mean squares of Sturm et al., A Benchmark for the Evaluation of RGB-D SLAM Systems
-(2012), the latter by distance driven.
+are root mean squares as of Sturm et al., A Benchmark for the Evaluation of RGB-D SLAM Systems
+(2012): the ATE is theirs when aligned by the path, and larger by the start, as here unless it is
+said otherwise; the RPE, which knows no alignment, is by distance driven.
 """
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

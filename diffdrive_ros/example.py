@@ -102,6 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run(options.folder)
     except (ValueError, OSError) as error:
         sys.exit(f'example: {error}')
+    except KeyboardInterrupt:
+        sys.exit('example: interrupted')
 
 
 if __name__ == '__main__':

@@ -50,8 +50,15 @@ class Replayed:
     twist_covariances: Array
 
 
-def replay(robot: Robot, samples: Sequence[WheelSample], every: int = 1) -> Replayed:
-    """Return what the node makes of the samples; in detail of every so many of them."""
+def replay(
+    robot: Robot, samples: Sequence[WheelSample], every: int = 1, known_ns: int | None = None,
+) -> Replayed:
+    """
+    Return what the node makes of the samples; in detail of every so many of them.
+
+    known_ns: from the first sample on that is not older, covariances are of what is driven from
+    there, as if the pose had been known then.
+    """
     odometry = robot.odometry()
     stamps: list[int] = []
     poses, detailed, details = [], [], []
@@ -61,6 +68,9 @@ def replay(robot: Robot, samples: Sequence[WheelSample], every: int = 1) -> Repl
         # The node passes over what is not newer.
         if not odometry.update(sample.left, sample.right, sample.stamp_ns):
             continue
+        if known_ns is not None and sample.stamp_ns >= known_ns:
+            odometry.reset(odometry.pose)
+            known_ns = None
         if len(stamps) % every == 0:
             detailed.append(len(stamps))
             details.append((
@@ -69,6 +79,15 @@ def replay(robot: Robot, samples: Sequence[WheelSample], every: int = 1) -> Repl
         poses.append(odometry.pose)
     columns = (np.array(column) for column in zip(*details, strict=True))
     return Replayed(np.array(stamps), np.array(poses), np.array(detailed), *columns)
+
+
+def first_compared(
+    samples: Sequence[WheelSample], track: Track, time_offset: float,
+) -> int | None:
+    """Return when a comparison begins [ns]; None if the two do not overlap."""
+    stamps = track.stamps_ns + round(time_offset * 1e9)
+    later = stamps[stamps >= samples[0].stamp_ns]
+    return int(later[0]) if later.size else None
 
 
 @dataclass(frozen=True)
@@ -92,6 +111,8 @@ def compare(
 
     marker: where on the robot the reference is, a pose in the body frame; time_offset [s]: what is
     added to the stamps of the reference; reference_std: of its position [m] and heading [rad].
+    The figures have a NEES where covariances are of the errors: with start if the replay is one
+    that is known from first_compared on, with none, and not with path, which fits errors away.
     Raises OptionError if the two do not overlap.
     """
     stamps = track.stamps_ns + round(time_offset * 1e9)
@@ -114,7 +135,7 @@ def compare(
     nearest = np.searchsorted(replayed.detailed, np.searchsorted(seconds, asked))
     covariances = replayed.pose_covariances[
         np.minimum(nearest, len(replayed.detailed) - 1)] + _unsure(poses, how, *reference_std)
-    figures = evaluation.evaluate(poses, seen, how, covariances)
+    figures = evaluation.evaluate(poses, seen, how, None if how == 'path' else covariances)
     frame = evaluation.align(poses, seen, how)
     return Comparison(
         asked, poses, se2.compose(se2.inverse(frame), seen), covariances, figures)
@@ -242,26 +263,34 @@ def run(options: argparse.Namespace) -> None:
     robots = {'': robot}
     if options.before:
         robots = {'before': parameter_file.read(options.before), 'after': robot}
-    results = {name: replay(each, log.samples, every) for name, each in robots.items()}
+    how, time_offset = options.align or 'start', options.time_offset or 0.0
+    known_ns = None
+    if log.reference is not None and how == 'start':
+        known_ns = first_compared(log.samples, log.reference, time_offset)
+    # What is written has the covariances that the node would publish.
+    results = {name: replay(each, log.samples, every, None if is_full else known_ns)
+               for name, each in robots.items()}
     replayed = list(results.values())[-1]
     duration = float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9
     print(f'{options.log}: {len(replayed.stamps_ns)} poses in {duration:.1f} s')
     comparisons = {}
     if log.reference is not None:
+        judged = results if not is_full else {
+            name: replay(each, log.samples, every, known_ns) for name, each in robots.items()}
         comparisons = {
             name: compare(
-                each, log.reference, how=options.align or 'start',
-                time_offset=options.time_offset or 0.0,
+                each, log.reference, how=how, time_offset=time_offset,
                 marker=None if options.marker is None else np.array(options.marker),
                 reference_std=tuple(options.reference_std or (0.0, 0.0)))
-            for name, each in results.items()}
-        print(table_of({name: each.figures for name, each in comparisons.items()}))
+            for name, each in judged.items()}
+        print(table_of({name: each.figures for name, each in comparisons.items()}, how))
     if options.output:
         write_poses(options.output, replayed, robot)
     if options.json:
         content: dict[str, object] = {
             'log': str(options.log), 'poses': len(replayed.stamps_ns), 'seconds': duration,
-            'final_pose': replayed.poses[-1].tolist()}
+            'final_pose': replayed.poses[-1].tolist(),
+            'align': how if comparisons else None}
         for name, each in comparisons.items():
             content[name or 'figures'] = each.figures.as_json()
         options.json.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
@@ -270,10 +299,15 @@ def run(options: argparse.Namespace) -> None:
         plots.draw_replay(options.plot, log, results, comparisons)
 
 
-def table_of(columns: dict[str, Evaluation]) -> str:
-    """Return the figures as lines of text, one column a replay."""
+ALIGNED = {
+    'start': 'by the first pose', 'path': 'by the whole path', 'none': 'not at all'}
+
+
+def table_of(columns: dict[str, Evaluation], how: str) -> str:
+    """Return the figures as lines of text, one column a replay; how: the frames are aligned."""
     first = next(iter(columns.values()))
     rows = [
+        ('frames brought together', [ALIGNED[how]] + [''] * (len(columns) - 1)),
         ('length of the way [m]', [f'{each.length:.3f}' for each in columns.values()]),
         ('final position error [m]', [f'{each.final_position:.4f}' for each in columns.values()]),
         ('final heading error [rad]', [f'{each.final_heading:.4f}' for each in columns.values()]),
@@ -286,8 +320,9 @@ def table_of(columns: dict[str, Evaluation]) -> str:
             f'RPE over {part.distance:g} m [m, rad]',
             [f'{each.rpe[index].position:.4f} {each.rpe[index].heading:.4f}'
              if index < len(each.rpe) else '-' for each in columns.values()]))
-    rows.append(('NEES/3, final', [f'{each.nees_final:.2f}' for each in columns.values()]))
-    rows.append(('NEES/3, mean', [f'{each.nees_mean:.2f}' for each in columns.values()]))
+    for name, key in (('NEES/3, final', 'nees_final'), ('NEES/3, mean', 'nees_mean')):
+        if getattr(first, key) is not None:
+            rows.append((name, [f'{getattr(each, key):.2f}' for each in columns.values()]))
     lines = [f'{"":28}' + ''.join(f'{name:>16}' for name in columns)] if any(columns) else []
     lines += [f'{name:28}' + ''.join(f'{cell:>16}' for cell in cells) for name, cells in rows]
     return '\n'.join(lines)

@@ -11,9 +11,11 @@ import time
 
 import bags
 from calibration_consistency import simulated_drive
-from diffdrive_ros import calibrate, calibration, parameter_file, replay
+from diffdrive_ros import calibrate, calibration, example, parameter_file, replay
 from diffdrive_ros.config import Config, SPECS
+from diffdrive_ros.feedback import WheelSample
 from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.logs import Track
 from diffdrive_ros.loop_closure import square_angles
 from diffdrive_ros.odometry import integrate, Odometry, WheelNoise
 from diffdrive_ros.parameter_file import Robot
@@ -160,6 +162,59 @@ def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
     assert figures['after']['ate'] < 0.3 * figures['before']['ate']
     for picture in ('page.png', 'replay.png'):
         assert (calibrated / picture).read_bytes().startswith(b'\x89PNG')
+
+
+def drives_with_noise(count):
+    """Yield samples and the true track of drives whose left wheel slips by chance."""
+    drive, random = DiffDrive(0.30, 0.049, 0.051), np.random.default_rng(9)
+    for _ in range(count):
+        speeds = np.tile(np.repeat([[8.0, 8.5], [8.0, 6.0]], 50, axis=0), (2, 1)) * 0.05
+        angles = np.cumsum(np.vstack([[0.0, 0.0], speeds]), axis=0)
+        # 1e-5 m^2/m of 0.049 m a radian.
+        slips = np.sqrt(1e-5 * speeds[:, 0] / 0.049) * random.normal(size=200)
+        true = integrate(drive, angles[:, 0] + np.append(0.0, np.cumsum(slips)), angles[:, 1])
+        stamps = np.arange(201) * 50_000_000
+        samples = [WheelSample(left, right, stamp) for (left, right), stamp in zip(
+            angles.tolist(), stamps.tolist(), strict=True)]
+        yield samples, Track(stamps, true + 1e-4 * random.normal(size=true.shape), 'world')
+
+
+@pytest.mark.parametrize('begin', [0, 120])
+def test_the_nees_is_one_whenever_the_reference_begins(begin):
+    robot = Robot.of({
+        'wheel_separation': 0.30, 'wheel_radius': 0.05, 'left_wheel_radius_multiplier': 0.98,
+        'right_wheel_radius_multiplier': 1.02, 'left_wheel_travel_variance': 1e-5,
+        'right_wheel_travel_variance': 1e-9, 'turn_variance': 0.0})
+    scores = []
+    for samples, track in drives_with_noise(200):
+        part = Track(track.stamps_ns[begin:], track.poses[begin:], 'world')
+        known_ns = replay.first_compared(samples, part, 0.0)
+        compared = replay.compare(
+            replay.replay(robot, samples, known_ns=known_ns), part,
+            reference_std=(1e-4, 1e-4))
+        scores.append(compared.figures.nees_final)
+    assert np.mean(scores) == pytest.approx(1.0, abs=0.12)
+
+
+def test_frames_that_are_fitted_have_no_nees_and_the_table_says_how_they_were(place, capsys):
+    replay.main([str(place / 'square.csv'), '--params', str(place / 'nominal.yaml')])
+    said = capsys.readouterr().out
+    assert re.search(r'frames brought together +by the first pose', said)
+    assert 'NEES' in said
+    replay.main([str(place / 'square.csv'), '--params', str(place / 'nominal.yaml'), '--align',
+                 'path'])
+    said = capsys.readouterr().out
+    assert re.search(r'frames brought together +by the whole path', said)
+    assert 'NEES' not in said
+
+
+def test_ctrl_c_in_the_example_is_one_line(monkeypatch, tmp_path):
+    def interrupted(folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(example, 'run', interrupted)
+    with pytest.raises(SystemExit, match='example: interrupted'):
+        example.main(['--folder', str(tmp_path)])
 
 
 def test_a_replay_is_what_odometry_says_of_the_same_messages(tmp_path):
