@@ -1,7 +1,9 @@
 PYTHON ?= python3
 # What runs here does not reach the robots on the network.
 ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
-export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE
+# Threads cost more than they bring to matrices as small as these.
+OPENBLAS_NUM_THREADS ?= 1
+export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE OPENBLAS_NUM_THREADS
 
 .PHONY: help demo dashboard example lint test colcon consistency browser latency mutants fuzz soak bench clean
 

@@ -172,6 +172,11 @@ COMMENTS = {
 
 def summary_of(robot: Robot, found: 'Calibration') -> str:
     """Return what was found as lines of text."""
+    from diffdrive_ros.calibration import FLOORS
+
+    travel, turn = (
+        f'< {floor:.2g}' if value < 1.01 * floor else f'{value:.2g}' for value, floor in zip(
+            (found.noise.left_travel, found.noise.turn), FLOORS, strict=True))
     before, drive, deviations = robot.drive, found.drive, found.deviations
     lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
     for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
@@ -181,8 +186,7 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
             f'{1e3 * getattr(drive, name):12.3f}{spread:>12}')
     lines += [f'not observed: {what}; as before' for what in found.not_observed]
     lines += [
-        f'noise of the wheels    {found.noise.left_travel:.2g} m^2/m of their travel, '
-        f'{found.noise.turn:.2g} rad^2/rad of the turn',
+        f'noise of the wheels    {travel} m^2/m of their travel, {turn} rad^2/rad of the turn',
         f'noise of the reference {1e3 * found.position_std:.2g} mm, '
         f'{1e3 * found.heading_std:.2g} mrad, {1e3 * found.time_std:.2g} ms',
         'marker on the robot    ' + ', '.join(

@@ -242,6 +242,10 @@ _OFFSET_PRIOR = 0.2  # [s]
 # Variances: where the search starts, and how far it goes at a time, in their logarithms.
 _STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-5, 1e-5])
 _LEAP = math.log(4.0)
+_LEAST = 0.02 * _STARTS
+
+# What is found of the wheels' noise, of travel [m^2/m] and turn [rad^2/rad], is not less.
+FLOORS: tuple[float, float] = tuple((_LEAST * math.exp(-_LEAP)).tolist()[:2])
 
 _RATE = 0.02  # [s], over which the rate of the poses is taken
 
@@ -453,7 +457,7 @@ class _Fit:
             return solution.objective, solution.gradient * variances
 
         # One that was tiny while the geometry was still wrong could not leave there by itself.
-        tried = np.log(np.maximum(self.variances, 0.02 * _STARTS))
+        tried = np.log(np.maximum(self.variances, _LEAST))
         found = optimize.minimize(
             objective, tried, jac=True, method='L-BFGS-B',
             bounds=[(each - _LEAP, each + _LEAP) for each in tried.tolist()],

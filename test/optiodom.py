@@ -1,6 +1,11 @@
-"""The OptiOdom recordings as drives and as logs: see ../shared/data/optiodom/README.md."""
+"""
+The OptiOdom recordings as drives and as logs: see ../shared/data/optiodom/README.md.
+
+As a program it writes them as CSVs for the tools, into a folder: python test/optiodom.py FOLDER.
+"""
 import math
 from pathlib import Path
+import sys
 
 from diffdrive_ros import se2
 from diffdrive_ros.calibration import Drive
@@ -66,3 +71,15 @@ def mean_nees(found, recordings):
             + capture + start @ (0.5 * math.pi / 20.0 * capture) @ start.T)
         scores.append(error @ np.linalg.solve(covariance, error) / 3.0)
     return float(np.mean(scores))
+
+
+def main(folder):
+    """Write the drives of all sets as logs into a folder."""
+    folder.mkdir(exist_ok=True)
+    for recordings in (CIRCULAR, SQUARE, OTHER_SQUARE):
+        for drive in drives(recordings):
+            print(write_csv(drive, folder / f'{drive.name}.csv'))
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1]))

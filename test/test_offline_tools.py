@@ -152,6 +152,11 @@ def test_what_the_drives_do_not_tell_stays_as_the_file_has_it():
     assert after.uncertainty.wheel_separation == 0.0007
 
 
+def test_noise_that_is_too_little_to_be_seen_is_printed_as_less_than_the_least(late_clocks):
+    done = tool('calibrate', late_clocks / 'eight.csv', '--params', late_clocks / 'nominal.yaml')
+    assert re.search(r'noise of the wheels +< 2.5e-08 m.2/m .*, < 2.5e-07 rad', done.stdout)
+
+
 def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
     done = tool(
         'replay', calibrated / 'there_and_back.csv', '--params', calibrated / 'robot.yaml',
