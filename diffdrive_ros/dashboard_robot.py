@@ -56,6 +56,10 @@ class DashboardRobot:
             self._forget()  # it may be another process, which was started with other parameters
         if has_newcomers:
             self.odom = None
+        # Before anything is opened: whatever is wrong with a message, the stop is not missed.
+        if reason := self.reason_not_to_drive or (
+                'the node is disabled' if self.is_disabled else ''):
+            self.publish(self.pilot.disarm(reason))
         if not self.is_silent:
             message = odom.message
             self.odom = pose_of(message) or self.odom
@@ -71,9 +75,6 @@ class DashboardRobot:
             if self.truth:
                 self.tracks['truth'].add(*self.truth[:2])
         self.wheels = self._wheel_speeds()
-        reason = self.reason_not_to_drive or ('the node is disabled' if self.is_disabled else '')
-        if reason:
-            self.publish(self.pilot.disarm(reason))
 
     def look_around(self) -> None:
         """Take in who is there; slower than what they say."""

@@ -133,6 +133,21 @@ def test_a_robot_whose_odom_falls_silent_is_stopped_and_not_driven(
     assert 'not known yet' in hear_odom().reason_not_to_drive
 
 
+def test_a_message_that_cannot_be_opened_does_not_hide_a_reason_to_stop(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """It is looked at after the stop."""
+    odometry = make()
+    learn(hear_odom())
+    robot = hear_odom()
+    drive(robot)
+    odometry.set_parameters([Parameter('cmd_vel_timeout', value=0.0)])
+    learn(robot)
+    robot.node.odom = SimpleNamespace(age=0.0)
+    with pytest.raises(AttributeError):
+        robot.look()
+    assert not robot.pilot.is_moving
+
+
 def test_in_open_loop_the_first_command_comes_before_the_first_odom(
         make: Callable[..., OdometryNode], robot: DashboardRobot) -> None:
     """The node is silent until then, and not by a fault."""
