@@ -354,6 +354,7 @@ def run(options: argparse.Namespace) -> None:
         for index, log in enumerate(kept)]
     print(judged_table(judged))
     values = parameters_of(robot, found)
+    after = Robot.of(values)
     if options.output:
         head = (
             f'Calibrated by {len(kept)} drives. Start the node with it:\n'
@@ -364,7 +365,6 @@ def run(options: argparse.Namespace) -> None:
             json.dumps(as_json(found, judged), indent=2) + '\n', encoding='utf-8')
     if options.plot:
         from diffdrive_ros import plots
-        after = Robot.of(values)
         comparisons = [
             {'before': compared(log, robot, found, each.time_offset),
              'after': compared(log, after, found, each.time_offset)}

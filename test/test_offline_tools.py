@@ -1,5 +1,6 @@
 """The tools for logs, as processes on real files."""
 from dataclasses import replace
+import importlib.util
 import json
 import os
 from pathlib import Path
@@ -311,6 +312,16 @@ def test_calibrate_refuses_in_one_line(place, monkeypatch, arguments, rule):
         'stamp,left,right,x,y,theta\n50,0,0,,,\n51,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
     assert rule in refused('calibrate', *arguments)
     assert Path('nominal.yaml').read_text() == NOMINAL
+
+
+@pytest.mark.parametrize('module', [calibrate, replay])
+def test_a_picture_without_matplotlib_is_refused_before_any_work(place, monkeypatch, module):
+    monkeypatch.chdir(place)
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, 'find_spec', lambda name: None if name == 'matplotlib' else find(name))
+    with pytest.raises(SystemExit, match='matplotlib is needed: pip install matplotlib'):
+        module.main([*ANY, '--plot', 'new.png'])
 
 
 def test_squares_and_a_ruler_will_do(tmp_path):
