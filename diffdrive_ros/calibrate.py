@@ -384,6 +384,8 @@ def run_by_ends(options: argparse.Namespace) -> None:
     if options.umbmark:
         if options.side is None:
             raise OptionError('--side: the side of the squares is needed [m]')
+        if not 0.01 <= options.side <= 1e3:
+            raise OptionError(f'--side = {options.side}: must be from 0.01 to 1000 m')
         ends = logs.read_ends(options.umbmark)
         found = umbmark(ends['cw'], ends['ccw'], options.side, robot.drive)
     else:

@@ -302,6 +302,7 @@ def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
     ([*ANY, '--output', 'a.yaml', '--plot', 'a'], '--plot a: must end with .png'),
     ([*ANY, '--side', '4'], '--side: does nothing without --umbmark'),
     (['--umbmark', 'ends.csv', '--side', '4', *ANY[1:], '--json', 'a.json'], '--json: does noth'),
+    (['--umbmark', 'ends.csv', '--side', '1e300', *ANY[1:]], '--side = 1e+300: must be from 0.01'),
     (['--umbmark', 'ends.csv', '--side', '4', *ANY[1:], '--plot', 'a.png'], '--plot: does noth'),
 ])
 def test_calibrate_refuses_in_one_line(place, monkeypatch, arguments, rule):
