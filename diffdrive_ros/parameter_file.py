@@ -163,6 +163,7 @@ def read(path: Path) -> Robot:
     except ImportError:
         raise ParameterFileError(
             f'{path}: yaml is needed to read it: pip install pyyaml') from None
+
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """Numbers as rcl reads them: PyYAML takes 5e-6 for a text."""
 

@@ -103,13 +103,11 @@ def draw_calibration(
     """Draw a page of a calibration: tracks before and after, their errors, and the residuals."""
     figure, axes = _page(2, 3, (16.0, 10.0))
     (tracks, errors, ends), (bars, positions, headings) = axes
+    known = [f'{1e3 * each:.3f}' if each else 'not known' for each in found.deviations]
     figure.suptitle(
-        'Calibration: separation {:.2f} ± {:.2f} mm, radii left {:.3f} ± {:.3f}, right '
-        '{:.3f} ± {:.3f} mm'.format(*(
-            1e3 * value for pair in zip(
-                (found.drive.wheel_separation, found.drive.left_wheel_radius,
-                 found.drive.right_wheel_radius), found.deviations, strict=True)
-            for value in pair)))
+        f'Calibration: separation {1e3 * found.drive.wheel_separation:.2f} ± {known[0]}, radii '
+        f'left {1e3 * found.drive.left_wheel_radius:.3f} ± {known[1]}, '
+        f'right {1e3 * found.drive.right_wheel_radius:.3f} ± {known[2]} mm')
     for number, both in enumerate(comparisons):
         for name, label in (('before', 'before'), ('after', 'calibrated')):
             each, colour = both[name], COLOURS[name]
