@@ -1,8 +1,7 @@
 """A simulated robot and its odometry as processes, for the shells that bring one along."""
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-import ctypes
-import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +17,8 @@ FLOOR = ('slip:=0.01', 'travel_noise:=0.001', 'seed:=1')
 # [s] DDS announces a participant every 3 s, and what it says first may be lost.
 DISCOVERY = 3.5
 NAMELESS = '_NODE_NAME_UNKNOWN_'  # rmw's, until what it is called has come too
-PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
+# Of util-linux: the kernel interrupts the process if whoever started it is killed.
+END_WITH_PARENT = ['setpriv', '--pdeathsig', 'INT'] if shutil.which('setpriv') else []
 
 TOPICS = ('cmd_vel', 'wheel_commands', 'joint_states', 'odom', 'ground_truth')
 
@@ -69,21 +69,9 @@ class RobotProcesses:
     def _start(self, module: str, *settings: str) -> 'subprocess.Popen[bytes]':
         ros_arguments = [word for setting in settings for word in ('-p', setting)]
         return subprocess.Popen(
-            [sys.executable, '-m', f'diffdrive_ros.{module}', '--ros-args', *ros_arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said,
-            preexec_fn=_end_with_parent(os.getpid()) if sys.platform == 'linux' else None)
-
-
-def _end_with_parent(parent: int) -> Callable[[], None]:
-    """Return what lets a child end if its parent is killed; to be called in the child."""
-    libc = ctypes.CDLL(None)  # loaded here: between fork and exec as little as possible is done
-
-    def act() -> None:
-        libc.prctl(PR_SET_PDEATHSIG, signal.SIGINT)
-        if os.getppid() != parent:  # it was killed before it was said
-            os._exit(1)
-
-    return act
+            [*END_WITH_PARENT, sys.executable, '-m', f'diffdrive_ros.{module}', '--ros-args',
+             *ros_arguments],
+            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said)
 
 
 @contextmanager
