@@ -41,9 +41,11 @@ class Station:
 
     def close(self) -> None:
         """Shut down, and wait until the thread has ended."""
+        nodes = self._executor.get_nodes()
         self._executor.shutdown()
         self._thread.join()
-        self.node.destroy_node()
+        for node in nodes:  # those under test too, or the next test in the domain meets them
+            node.destroy_node()
         self.context.try_shutdown()
 
     def add(self, node: Node) -> Node:
