@@ -84,12 +84,11 @@ class Pilot:
             return self._trip(page, 'a command that is not finite')
         if beat.twist != STOP and not beat.may_drive:
             return self._pass_over(page)
-        if not 0.0 <= now - beat.sight <= OLDEST_SIGHT:
-            return self._trip(page, 'the connection is slow') if beat.twist != STOP else (
-                self._halt() if page == self.driver else None)
-        if beat.twist == STOP:
+        if beat.twist == STOP:  # a rest is one, however old the picture is
             seat.is_armed, seat.is_held = True, False
             return self._halt() if page == self.driver else None
+        if not 0.0 <= now - beat.sight <= OLDEST_SIGHT:
+            return self._trip(page, 'the connection is slow')
         if self.is_stopped or not seat.is_armed or self.driver not in (None, page):
             return self._pass_over(page)
         self.driver = page

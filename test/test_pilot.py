@@ -255,3 +255,12 @@ def test_who_lost_hold_of_the_controls_is_told_so_until_they_are_touched_again(h
     assert hands.pilot.complaint('a')
     hands.drive('a')
     assert not hands.pilot.complaint('a')
+
+
+def test_a_rest_counts_however_old_the_picture_was() -> None:
+    """After a slow moment nobody has to press twice; motion still needs a picture of now."""
+    pilot = Pilot()
+    pilot.beat('page', Beat(1, 0.0, (0.0, 0.0)), 100.0)
+    assert pilot.beat('page', Beat(2, 0.0, (0.3, 0.0)), 100.1) is None
+    pilot.beat('page', Beat(3, 0.0, (0.0, 0.0)), 100.2)
+    assert pilot.beat('page', Beat(4, 100.3, (0.3, 0.0)), 100.3) == (0.3, 0.0)
