@@ -1,5 +1,7 @@
 """A driver's station for tests: what is published and heard around the nodes under test."""
 from collections.abc import Callable, Iterable, Iterator
+import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -110,6 +112,20 @@ class Process:
         if self.is_running:
             self._process.kill()
         self._process.communicate()
+
+
+def children(number: int) -> dict[str, int]:
+    """Return the process numbers of what a process started, by the names of the modules."""
+    found = {}
+    for each in filter(str.isdigit, os.listdir('/proc')):
+        try:
+            parent = Path(f'/proc/{each}/stat').read_text().rsplit(')', 1)[1].split()[1]
+            words = Path(f'/proc/{each}/cmdline').read_bytes().split(b'\0')
+        except OSError:  # it ended meanwhile
+            continue
+        if int(parent) == number and len(words) > 2:
+            found[words[2].decode().removeprefix('diffdrive_ros.')] = int(each)
+    return found
 
 
 def wait_until(

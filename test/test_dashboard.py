@@ -10,7 +10,7 @@ from browser import Dashboard
 from diffdrive_ros.remote_parameters import parse
 import pytest
 from rcl_interfaces.msg import ParameterType
-from station import Station, twist, wait_until
+from station import children, Station, twist, wait_until
 
 if not os.environ.get('CI'):
     pytest.importorskip('nicegui', reason='nicegui is not installed')
@@ -83,20 +83,6 @@ def is_running(number: int) -> bool:
         return Path(f'/proc/{number}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
     except OSError:
         return False
-
-
-def children(number: int) -> dict[str, int]:
-    """Return the process numbers of what a process started, by the names of the modules."""
-    found = {}
-    for each in filter(str.isdigit, os.listdir('/proc')):
-        try:
-            parent = Path(f'/proc/{each}/stat').read_text().rsplit(')', 1)[1].split()[1]
-            words = Path(f'/proc/{each}/cmdline').read_bytes().split(b'\0')
-        except OSError:  # it ended meanwhile
-            continue
-        if int(parent) == number and len(words) > 2:
-            found[words[2].decode().removeprefix('diffdrive_ros.')] = int(each)
-    return found
 
 
 @pytest.mark.parametrize(('text', 'value'), [

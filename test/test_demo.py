@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from station import Station, twist, wait_until
+from station import children, Station, twist, wait_until
 
 PNG = b'\x89PNG\r\n\x1a\n'
 
@@ -26,16 +26,7 @@ class Demo:
 
     def children(self) -> dict[str, int]:
         """Return the process numbers of simulator_node and odometry_node."""
-        found = {}
-        for number in filter(str.isdigit, os.listdir('/proc')):
-            try:
-                parent = Path(f'/proc/{number}/stat').read_text().rsplit(')', 1)[1].split()[1]
-                words = Path(f'/proc/{number}/cmdline').read_bytes().split(b'\0')
-            except OSError:  # it ended meanwhile
-                continue
-            if int(parent) == self._process.pid and len(words) > 2:
-                found[words[2].decode().removeprefix('diffdrive_ros.')] = int(number)
-        return found
+        return children(self._process.pid)
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to the demo."""
