@@ -39,12 +39,15 @@ def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]
     station.say_until(lambda: heard, 'joint_states', (
         joints(START_NS - 10**9 + k, left_wheel_joint=left, right_wheel_joint=right)
         for k in itertools.count()))
-    heard.clear()
+
+    def answers() -> list[Odometry]:  # and not those to what was said until somebody heard it
+        return [message for _, message in heard if stamp_ns(message) >= START_NS]
+
     for k, (left, right) in enumerate(samples):
         station.say('joint_states', joints(
             START_NS + k * STEP_NS, left_wheel_joint=left, right_wheel_joint=right))
-        wait_until(lambda k=k: len(heard) > k)
-    return [message for _, message in heard]
+        wait_until(lambda k=k: len(answers()) > k)
+    return answers()
 
 
 def planar_pose(message: Odometry) -> list[float]:
