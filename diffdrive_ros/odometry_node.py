@@ -8,6 +8,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diffdrive_ros import parameters, spinning
 from diffdrive_ros.command import CommandPath, STOP
+from diffdrive_ros.complaints import Complaints
 from diffdrive_ros.config import Config, say_unknown_names, SPECS
 from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.lateness import Lateness
@@ -79,8 +80,10 @@ class OdometryNode(Node):
         self._sent = STOP
         self._is_commanding = False
         self._other_axes_said = False
-        self._command_complaint = self._feedback_complaint = ''
-        self._complained_at = self._stop_said_at = -math.inf
+        self._command_complaints = Complaints(
+            self.get_logger().warning, '{}; wheels stopped')
+        self._feedback_complaints = Complaints(
+            self.get_logger().warning, 'joint_states: {}')
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
         self._ticked_at = math.inf  # on the monotonic clock
         self._overdue = 2.0 * self._command.period
@@ -259,18 +262,7 @@ class OdometryNode(Node):
                 self._applied_message.twist.linear.x = self._sent.linear
                 self._applied_message.twist.angular.z = self._sent.angular
                 self._applied_publisher.publish(self._applied_message)
-        if self._command.complaint != self._command_complaint:
-            self._say_command_complaint(now)
-
-    def _say_command_complaint(self, now: float) -> None:
-        """Say why the wheels stop when it changes, at most once a second, the last one too."""
-        complaint = self._command.complaint
-        if complaint and now - self._stop_said_at < 1.0:
-            return
-        self._command_complaint = complaint
-        if complaint:
-            self._stop_said_at = now
-            self.get_logger().warning(f'{complaint}; wheels stopped')
+        self._command_complaints.look(self._command.complaint)
 
     def _hold_where_due(self, now_ns: int) -> None:
         self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
@@ -292,16 +284,14 @@ class OdometryNode(Node):
         try:
             names, positions, velocities, stamp_ns, all_names = self._reader.read(payload)
         except WireError as error:
-            self._feedback.refuse(f'unreadable: {error}')
-            self._say_feedback_complaint()
+            self._refuse(f'unreadable: {error}')
             return
         if not stamp_ns:
             self.get_logger().warning(
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
             stamp_ns = self.get_clock().now().nanoseconds
             if stamp_ns >= END_OF_TIME_NS:
-                self._feedback.refuse(f'the clock is at {stamp_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
-                self._say_feedback_complaint()
+                self._refuse(f'the clock is at {stamp_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
                 return
         if self._on_wheels(names, positions, velocities, stamp_ns):
             self._monitor.sampled_at = time.monotonic()
@@ -318,8 +308,8 @@ class OdometryNode(Node):
         odom_ns is the stamp of odom if it is not the sample's own.
         """
         sample = self._feedback.update(names, positions, velocities, stamp_ns)
-        if self._feedback.complaint != self._feedback_complaint:
-            self._say_feedback_complaint()
+        if self._feedback.complaint != self._feedback_complaints.said:
+            self._feedback_complaints.look(self._feedback.complaint)
         if sample is None:
             return False
         left, right, stamp_ns, restarted_ns = sample
@@ -329,30 +319,19 @@ class OdometryNode(Node):
         try:
             is_new = self._odometry.update(left, right, stamp_ns)
         except ValueError as error:  # a step without bounds, by a noise or geometry without
-            self._feedback.refuse(str(error))
-            self._say_feedback_complaint()
+            self._refuse(str(error))
             return False
-        if is_new:
-            self._publish_odometry(stamp_ns if odom_ns is None else odom_ns)
+        odom_ns = stamp_ns if odom_ns is None else odom_ns
+        if is_new and (not self._config.publish_rate or self._is_due(odom_ns)):
+            estimate = self._odometry.estimate()
+            self._odom_publisher.publish(self._writer.write(odom_ns, estimate))
+            if self._transforms:
+                self._transforms.send(odom_ns, *estimate[0])
         return True
 
-    def _say_feedback_complaint(self) -> None:
-        """Say what is wrong when it changes, at most once a second; what waits is said then."""
-        complaint, now = self._feedback.complaint, time.monotonic()
-        if complaint and now - self._complained_at < 1.0:
-            return
-        self._feedback_complaint = complaint
-        if complaint:
-            self._complained_at = now
-            self.get_logger().warning(f'joint_states: {complaint}')
-
-    def _publish_odometry(self, stamp_ns: int) -> None:
-        if self._config.publish_rate and not self._is_due(stamp_ns):
-            return
-        estimate = self._odometry.estimate()
-        self._odom_publisher.publish(self._writer.write(stamp_ns, estimate))
-        if self._transforms:
-            self._transforms.send(stamp_ns, *estimate[0])
+    def _refuse(self, complaint: str) -> None:
+        self._feedback.refuse(complaint)
+        self._feedback_complaints.look(complaint)
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether odom is to be published for a stamp, at publish_rate."""

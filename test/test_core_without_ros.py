@@ -20,6 +20,7 @@ CORE = {
     'loop_closure': {'arguments', 'kinematics', 'linearization'},
     'evaluation': {'arguments', 'se2'},
     'feedback': {'arguments', 'se2', 'kinematics'},
+    'complaints': set(),
     'console': set(),
     'lateness': set(),
     'limits': set(),
