@@ -403,8 +403,11 @@ class Odometry:
         Return the derivative of the pose by the geometry since the last reset, (3, 3).
 
         One row each for x, y, theta; one column each for wheel_separation, left_wheel_radius and
-        right_wheel_radius [m].
+        right_wheel_radius [m]. Raises ValueError if the geometry was taken for exact: it is not
+        kept then.
         """
+        if self._is_exact:
+            raise ValueError('geometry_sensitivity: needs a geometry_uncertainty, which is 0')
         return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
 
     def _drive_arc(self, left: float, right: float) -> tuple[float, float, float]:
@@ -453,22 +456,13 @@ class Odometry:
                 f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
                 'a finite covariance')
         self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
-        # The geometry, s <- F s + along a + around t: a wrong separation makes wrong turns, and
-        # wrong radii are wrong travel.
-        x, y, theta = self._by_separation
-        around = -turn / separation
-        self._by_separation = (
-            x - dy * theta + around * tx, y + dx * theta + around * ty, theta + around)
-        x, y, theta = self._by_left_radius
-        along, around = 0.5 * left, -left / separation
-        self._by_left_radius = (
-            x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
-            theta + around)
-        x, y, theta = self._by_right_radius
-        along, around = 0.5 * right, right / separation
-        self._by_right_radius = (
-            x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
-            theta + around)
+        if not self._is_exact:  # a wrong separation is wrong turns; a wrong radius, wrong travel
+            arc = dx, dy, ax, ay, tx, ty
+            self._by_separation = _carried(self._by_separation, 0.0, -turn / separation, arc)
+            self._by_left_radius = _carried(
+                self._by_left_radius, 0.5 * left, -left / separation, arc)
+            self._by_right_radius = _carried(
+                self._by_right_radius, 0.5 * right, right / separation, arc)
         self._x += dx
         self._y += dy
         self._theta += turn
@@ -478,6 +472,17 @@ class Odometry:
 def _matrix(covariance: Triangle) -> Array:
     xx, xy, xt, yy, yt, tt = covariance
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+
+
+def _carried(
+    by: Column, along: float, around: float,
+    arc: tuple[float, float, float, float, float, float],
+) -> Column:
+    """Return s <- F s + along a + around t: the derivative s of the pose, after another arc."""
+    x, y, theta = by
+    dx, dy, ax, ay, tx, ty = arc
+    return (x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
+            theta + around)
 
 
 def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:

@@ -56,7 +56,7 @@ def test_the_sensitivity_is_the_derivative_of_the_last_pose_by_the_geometry(driv
     expected = numeric_jacobian(
         lambda geometry: integrate(DiffDrive(*geometry), left, right, start)[-1],
         geometry_of(drive), step=1e-7)
-    sensitivity = driven(Odometry(drive, start=start), steps).geometry_sensitivity
+    sensitivity = driven(uncertain(drive, start=start), steps).geometry_sensitivity
     same(sensitivity, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max() + 1e-7)
 
 
@@ -71,15 +71,20 @@ def test_what_the_geometry_brings_is_its_variances_through_the_sensitivity(drive
 
 def test_on_a_straight_line_a_wheel_too_large_bends_it_and_a_wrong_separation_does_nothing():
     length, s, left, right = 2.0, 0.317, 2.0 / 0.0471, 2.0 / 0.0533  # angles of the wheels [rad]
-    odometry = driven(Odometry(ROBOT), [(left / 50.0, right / 50.0)] * 50)
+    odometry = driven(uncertain(), [(left / 50.0, right / 50.0)] * 50)
     same(odometry.geometry_sensitivity, np.transpose([
         [0.0, 0.0, 0.0],
         [0.5 * left, -0.5 * left * length / s, -left / s],
         [0.5 * right, 0.5 * right * length / s, right / s]]))
 
 
+def test_a_geometry_that_is_exact_has_no_sensitivity():
+    with pytest.raises(ValueError, match=r'^geometry_sensitivity: needs a geometry_uncertainty'):
+        _ = driven(Odometry(ROBOT), [(1.0, 2.0)]).geometry_sensitivity
+
+
 def test_a_spin_is_wrong_by_the_share_that_the_separation_is():
-    odometry = driven(Odometry(ROBOT), [wheels_for(ROBOT, 0.0, 0.5)] * 8)
+    odometry = driven(uncertain(), [wheels_for(ROBOT, 0.0, 0.5)] * 8)
     same(odometry.geometry_sensitivity[:, 0], [0.0, 0.0, -4.0 / 0.317])
 
 
@@ -158,7 +163,7 @@ def test_the_same_error_goes_on_where_the_geometry_is_set_anew():
         return integrate(
             DiffDrive(*(geometry_of(other) + error)), *angles_of(second), middle)[-1]
 
-    odometry = driven(Odometry(ROBOT), first)
+    odometry = driven(uncertain(), first)
     odometry.drive = other
     for number, sample in enumerate(angles_of([*first, *second]).T[7:].tolist()):
         assert odometry.update(*sample, EPOCH_NS + (number + 1) * 10**9)

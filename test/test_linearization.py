@@ -1,7 +1,7 @@
 """The linearization of whole drives is what Odometry propagates sample by sample."""
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.linearization import linearize
-from diffdrive_ros.odometry import integrate, Odometry, WheelNoise
+from diffdrive_ros.odometry import GeometryUncertainty, integrate, Odometry, WheelNoise
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
@@ -29,11 +29,13 @@ def driven(odometry, left, right):
 def test_pose_sensitivity_and_covariance_are_those_of_odometry(drive, steps, start):
     left, right = angles_of(steps)
     odometry = driven(Odometry(drive, noise=NOISE, start=start), left, right)
+    uncertain = driven(Odometry(
+        drive, geometry_uncertainty=GeometryUncertainty(1e-3), start=start), left, right)
     silent = driven(Odometry(drive, noise=WheelNoise(0.0, 0.0, 0.0), start=start), left, right)
     linear = linearize(drive, left, right, start)
     size = 1.0 + np.abs(linear.poses).max()
     assert linear.poses[-1] == pytest.approx(odometry.pose, abs=1e-12 * size)
-    sensitivity = odometry.geometry_sensitivity
+    sensitivity = uncertain.geometry_sensitivity
     assert linear.by_geometry[-1] == pytest.approx(
         sensitivity, abs=1e-11 * size * (1.0 + np.abs(sensitivity).max()))
     # Both have the least covariance that a pose is given at the start.
