@@ -40,8 +40,9 @@ class CommandPath:
 
     A timeout [s] of 0 is none; max_wheel_speed [rad/s] of None is no limit; period [s] is the time
     from one step to the next; the directions are -1 for joints that turn backward when the robot
-    drives forward. The settings may be changed between two calls. holds are reasons
-    to keep the wheels at zero, in words for a person: while there is one, commands are not taken.
+    drives forward. The settings may be changed between two calls. holds, which hold() changes, are
+    reasons to keep the wheels at zero, in words for a person: while there is one, commands are not
+    taken.
     """
 
     drive: DiffDrive
@@ -108,8 +109,6 @@ class CommandPath:
 
     def step(self, now_ns: int) -> WheelCommand:
         """Return what to send to the wheels now; the limits count the time since the last step."""
-        if self.holds:
-            self._linear = self._angular = 0.0
         if (self._linear or self._angular) and self._is_too_old(now_ns):
             self._count('timeouts')
             self._stop(f'no command for {self.timeout:g} s')

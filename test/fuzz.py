@@ -328,9 +328,9 @@ class CommandEpisode(Episode):
             elif chance < 0.08:
                 path.linear_limits, path.angular_limits = self.limits(), self.limits()
             elif chance < 0.10:
-                path.holds.add(draw.choice('ab'))
+                path.hold(draw.choice('ab'), True)
             elif chance < 0.14:
-                path.holds.clear()
+                path.hold(draw.choice('ab'), False)
             self.command()
             for _ in range(draw.choice((0, 1, 1, 1, 2))):
                 self.pass_time(draw.choice((path.period, 0.02, draw.uniform(0.0, 0.1))))
@@ -449,7 +449,8 @@ class CommandEpisode(Episode):
     def settle(self) -> None:
         """Ask for the same until it is so, if no limit holds it back for long."""
         path = self.path
-        path.holds.clear()
+        for reason in 'ab':
+            path.hold(reason, False)
         path.linear_limits = AxisLimits(max_acceleration=50.0, max_deceleration=-40.0)
         path.angular_limits = AxisLimits(max_acceleration=70.0, max_jerk=1e4)
         path.max_wheel_speed, path.timeout, path.period = None, 0.5, 0.05
