@@ -94,7 +94,7 @@ class WheelFeedback:
         self._restarted_ns: int | None = None
         # What the next message nearly always is: as the last, which alone was a whole sample.
         self._usual_names: tuple[str, ...] | None = None
-        self._usual_wheels: list[tuple[_Wheel, int]] = []
+        self._usual_wheels: list[_Wheel] = []
         self._usual_after_ns = BEFORE_ALL_NS
 
     @property
@@ -113,9 +113,10 @@ class WheelFeedback:
         cannot be believed, nothing of the message is taken: the last angles stay, and the next
         message carries the motion.
         """
-        if (names == self._usual_names and stamp_ns > self._usual_after_ns
-                and len(positions) == len(names) and _are_angles(positions)):
-            return self._usual_sample(positions, stamp_ns)
+        if names == self._usual_names and stamp_ns > self._usual_after_ns:
+            sample = self._usual_sample(positions, stamp_ns)
+            if sample:
+                return sample
         self._usual_names = None
         values = positions if self.position_feedback else velocities
         is_whole = True
@@ -159,14 +160,19 @@ class WheelFeedback:
         if (self._takes_all and len(names) == len(self._wheels)
                 and self._wheels.keys() == set(names)):
             self._usual_names, self._usual_after_ns = tuple(names), stamp_ns
-            self._usual_wheels = [(self._wheels[name], index) for index, name in enumerate(names)]
+            self._usual_wheels = [self._wheels[name] for name in names]
 
-    def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample:
-        """Return the sample of a message with nothing special about it."""
+    def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample | None:
+        """Return the sample of a message with nothing special about it; None if there is."""
+        wheels = self._usual_wheels
+        if len(positions) != len(wheels):
+            return None
+        for value in positions:
+            if not abs(value) < LARGEST:
+                return None
         self.complaint = ''
         self._usual_after_ns = stamp_ns
-        for wheel, index in self._usual_wheels:
-            value = positions[index]
+        for wheel, value in zip(wheels, positions, strict=True):
             wheel.angle += wheel.direction * (value - wheel.value)
             wheel.value, wheel.stamp_ns = value, stamp_ns
         return self._sample(stamp_ns)
@@ -180,8 +186,9 @@ class WheelFeedback:
             left += wheel.angle
         for wheel in self._right:
             right += wheel.angle
-        return WheelSample(
-            left / len(self._left), right / len(self._right), stamp_ns, restarted_ns)
+        left, right = left / len(self._left), right / len(self._right)
+        # Half the price of WheelSample(...), whose __new__ is in Python.
+        return tuple.__new__(WheelSample, (left, right, stamp_ns, restarted_ns))
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""
@@ -285,14 +292,6 @@ class WheelFeedback:
 
     def _count(self, what: str) -> None:
         self.counts[what] += 1
-
-
-def _are_angles(values: Sequence[float]) -> bool:
-    """Return whether all values are finite and of a size that encoders may have."""
-    total = 0.0
-    for value in values:
-        total += abs(value)
-    return total < LARGEST
 
 
 def _turn(wheel: _Wheel, value: float, turned: float, event: str = '') -> _Turn:
