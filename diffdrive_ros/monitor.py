@@ -16,7 +16,7 @@ MOST_NAMES = 20  # of joints that are not ours, in a message
 
 
 class Monitor:
-    """Looks at the paths of feedback and commands once a second, on the steady clock."""
+    """Looks at the paths of feedback and commands once a second, and reports what it sees."""
 
     def __init__(
         self, node: Node, config: Config, feedback: WheelFeedback, command: CommandPath,
@@ -27,6 +27,8 @@ class Monitor:
         self.sampled_at = self._looked_at = time.monotonic()
         """When the last sample of the wheels was taken, on the monotonic clock."""
         self._samples_then = self._commands_then = 0
+        self._sample_rate = self._command_rate = 0.0
+        self._holds_then: set[str] = set()
         self._commanded_at = self._looked_at
         self._names: set[str] = set()
         self._counts_then: Counter[str] = Counter()
@@ -43,19 +45,31 @@ class Monitor:
         """Return how long ago the last sample of the wheels was, or the start [s]."""
         return time.monotonic() - self.sampled_at
 
+    def look_at_holds(self) -> None:
+        """Report at once when the wheels begin or cease to be held: it may be over in a moment."""
+        if self._command.holds != self._holds_then:
+            self._report()
+
     def _look(self) -> None:
         self._look_at_publishers()
         now = time.monotonic()
         elapsed, self._looked_at = now - self._looked_at, now
         samples, commands = self._feedback.counts['samples'], self._command.counts['commands']
-        sample_rate = (samples - self._samples_then) / elapsed
-        command_rate = (commands - self._commands_then) / elapsed
+        self._sample_rate = (samples - self._samples_then) / elapsed
+        self._command_rate = (commands - self._commands_then) / elapsed
         self._samples_then, self._commands_then = samples, commands
-        self._sender.send(
-            self._node.get_clock().now().to_msg(), self._feedback_status(sample_rate),
-            self._command_status(command_rate), self._geometry_status())
+        if self._command_rate:
+            self._commanded_at = now
+        self._report()
 
-    def _feedback_status(self, rate: float) -> Status:
+    def _report(self) -> None:
+        self._holds_then = set(self._command.holds)
+        self._sender.send(
+            self._node.get_clock().now().to_msg(), self._feedback_status(),
+            self._command_status(), self._geometry_status())
+
+    def _feedback_status(self) -> Status:
+        rate = self._sample_rate
         figures = {'rate [Hz]': f'{rate:.1f}', 'age [s]': f'{self.silence():.3f}',
                    **dict(self._feedback.counts)}
         if self._config.open_loop:
@@ -86,11 +100,9 @@ class Monitor:
         whys = [f'{count} {what}' for what, count in sorted(counts.items()) if what != 'samples']
         return f'{reason} ({", ".join(whys)})' if whys else reason
 
-    def _command_status(self, rate: float) -> Status:
-        command = self._command
+    def _command_status(self) -> Status:
+        command, rate = self._command, self._command_rate
         figures = {'rate [Hz]': f'{rate:.1f}', **dict(command.counts)}
-        if rate:
-            self._commanded_at = self._looked_at
         if command.complaint:
             is_parked = not command.holds and self._looked_at - self._commanded_at > PARKED
             return Status('commands', OK if is_parked else WARN, f'stopped: {command.complaint}',

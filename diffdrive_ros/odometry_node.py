@@ -263,6 +263,7 @@ class OdometryNode(Node):
                 self._applied_message.twist.angular.z = self._sent.angular
                 self._applied_publisher.publish(self._applied_message)
         self._command_complaints.look(self._command.complaint)
+        self._monitor.look_at_holds()
 
     def _hold_where_due(self, now_ns: int) -> None:
         self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
@@ -367,6 +368,7 @@ class OdometryNode(Node):
     def _on_enable(self, request: Any, response: Any) -> Any:
         self._command.hold(DISABLED, not request.data)
         self._start_commanding()
+        self._monitor.look_at_holds()
         response.success = True
         held = self._command.complaint if self._command.holds else ''
         response.message = f'the wheels are held: {held}' if held else 'the next command is driven'

@@ -141,6 +141,23 @@ def test_a_software_stop_holds_the_wheels_until_a_command_after_it(
         lambda: not stands(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
 
 
+def test_a_hold_of_a_moment_is_in_diagnostics_from_its_beginning_to_its_end(
+        station: Station, make: Make) -> None:
+    """A driver who looks once a second would miss it."""
+    make()
+    heard = station.hear(DiagnosticArray, '/diagnostics')
+    wait_until(lambda: heard)
+    for data in (False, True):
+        station.call(SetBool, 'odometry/enable', SetBool.Request(data=data))
+
+    def commands() -> list[str]:
+        return [status.message for _, message in heard for status in message.status
+                if status.name.endswith('commands')]
+
+    wait_until(lambda: commands()[-1] == 'none yet' and len(commands()) > 2)
+    assert 'stopped: disabled by ~/enable' in commands()
+
+
 def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
         station: Station, make: Make, said: Said) -> None:
     """The last reason is the one that counts."""
