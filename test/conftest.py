@@ -1,9 +1,12 @@
 """Every test has a ROS domain of its own, and none reaches beyond this machine."""
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import fcntl
 from importlib.util import find_spec
 import itertools
 import os
 from pathlib import Path
+import tempfile
 
 from diffdrive_ros.odometry_node import OdometryNode
 from hypothesis import settings
@@ -18,8 +21,7 @@ settings.load_profile('suite')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a field of a wrong type raises
 
-# Domains whose ports are free of Linux's ephemeral ones. The workers of one suite share none, and
-# two suites at once start apart.
+# Domains whose ports are free of Linux's ephemeral ones; each worker begins elsewhere.
 WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
 WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
 _domains = itertools.cycle(range(1 + WORKER, 102, WORKERS))
@@ -32,20 +34,32 @@ collect_ignore = [] if find_spec('rosbags') or os.environ.get('CI') else [
     'test_logs.py', 'test_offline_tools.py']
 
 
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """Give a ROS domain that no other test on this machine has meanwhile."""
+    for number in _domains:
+        with Path(tempfile.gettempdir(), f'diffdrive_ros-domain-{number}.lock').open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv('ROS_DOMAIN_ID', str(number))
+                yield number
+            return
+
+
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain() -> Iterator[int]:
     """Return a ROS domain for one test; processes started by it are in it too."""
-    number = next(_domains)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
-    return number
+    with own_domain() as number:
+        yield number
 
 
 @pytest.fixture(scope='module')
 def domain_of_module() -> Iterator[int]:
     """Return a ROS domain for tests of a module that share a process."""
-    with pytest.MonkeyPatch.context() as patch:
-        number = next(_domains)
-        patch.setenv('ROS_DOMAIN_ID', str(number))
+    with own_domain() as number:
         yield number
 
 
