@@ -87,12 +87,13 @@ class AxisLimits:
           deceleration limit and not in a jump, unless that limit is 0.0; jerk limits do not count;
         - a period in which the direction changes decelerates to zero, and has what is left of
           its time for acceleration in the new direction, each by its own limit;
-        - the momentum that jerk limits preserve never carries the speed past zero, away from the
-          target.
+        - the momentum that jerk limits preserve never makes a robot faster that was asked to be
+          slower, nor does it carry the speed past zero, away from the target.
 
         So the speed never passes the target, and goes to zero without ever turning back; with
-        jerk limits it may go on for a while as before, away from the target. While no time passes,
-        with a dt of zero or less, it stays at last. Raises ValueError for anything not finite.
+        jerk limits a robot that was slowing down may go on to, though asked to be faster. While no
+        time passes, with a dt of zero or less, it stays at last. Raises ValueError for anything
+        not finite.
         """
         target, last = _finite('target', target), _finite('last', last)
         before_last, dt = _finite('before_last', before_last), _finite('dt', dt)
@@ -151,10 +152,10 @@ class AxisLimits:
         # The target stands first: it is what is left where infinities have cancelled to nan.
         if target > last:
             target = min(target, as_before + highest)
-            low = 0.0 if last >= 0.0 else low
+            low = max(low, 0.0 if last >= 0.0 else last)
         elif target < last:
             target = max(target, as_before + lowest)
-            high = 0.0 if last <= 0.0 else high
+            high = min(high, 0.0 if last <= 0.0 else last)
         return min(max(target, low), high)
 
     def _ramp(self, target: float, last: float, dt: float) -> float:

@@ -424,11 +424,10 @@ class CommandEpisode(Episode):
         elif low <= before <= high:
             demand(low - tiny <= now <= high + tiny, 'beyond its velocity limit', now, low, high)
         if not is_limited:
-            # Jerk limits preserve momentum, away from the target too, but not beyond zero.
-            has_momentum = target and not math.isnan(limits.max_jerk)
+            # Jerk limits preserve momentum, away from the target too, but only towards zero.
             least = most = before
-            if has_momentum:
-                least, most = (0.0, math.inf) if before > 0.0 else (-math.inf, 0.0)
+            if target and not math.isnan(limits.max_jerk):
+                least, most = min(before, 0.0), max(before, 0.0)
             demand(min(least, target) - tiny <= now <= max(most, target) + tiny,
                    'not on the way to the target', before, now, target)
             if limits == AxisLimits():
