@@ -8,11 +8,12 @@ LONGEST_REST = 0.5  # [s] that the last lines may take
 
 
 @contextmanager
-def patient_console() -> Iterator[None]:
+def patient_console() -> Iterator[int]:
     """
     Let what ROS logs go through a thread, which waits for the console instead of the caller.
 
-    What is too much for it meanwhile is lost.
+    What is too much for it meanwhile is lost. Gives the file descriptor of the console itself, for
+    what cannot wait for a thread.
     """
     ours = 1 if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 2
     console = os.dup(ours)
@@ -25,7 +26,7 @@ def patient_console() -> Iterator[None]:
     thread = threading.Thread(target=_hand_on, args=(reader, console), daemon=True)
     thread.start()
     try:
-        yield
+        yield console
     finally:
         os.dup2(console, ours)  # which ends the thread, for it was the last to write
         thread.join(LONGEST_REST)

@@ -5,6 +5,7 @@ SIGINT, SIGTERM, SIGHUP and SIGQUIT end the node while its context is still vali
 say a last word (stop the wheels) and be sure that it was heard.
 """
 from collections.abc import Callable, Sequence
+import faulthandler
 import os
 import signal
 import sys
@@ -49,11 +50,12 @@ def run(
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     stop = _catch_signals()
-    with patient_console():
+    with patient_console() as console:
         try:
             refuse_other_arguments(name, description, arguments)
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
             executor = make_executor()
+            faulthandler.enable(console)  # a crash takes the thread with it that hands lines on
             node = make_node()
         except START_ERRORS as error:
             what = '' if isinstance(error, StartError) else (

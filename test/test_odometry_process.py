@@ -125,6 +125,15 @@ def test_a_console_that_nobody_reads_stops_no_node(station: Station) -> None:
         os.close(writer)
 
 
+def test_a_crash_of_the_interpreter_leaves_its_trace(station: Station, start: Start) -> None:
+    """The wheels turn on, and nobody else can say why."""
+    process = start('odometry_node')
+    drive(station)
+    process.signal(signal.SIGSEGV)
+    assert process.wait() == -signal.SIGSEGV
+    assert 'Fatal Python error: Segmentation fault' in process.output
+
+
 def test_a_timeout_of_zero_never_stops_the_wheels_and_says_so(
         station: Station, start: Start) -> None:
     """A choice that has to be made in so many words."""
