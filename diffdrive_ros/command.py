@@ -24,7 +24,7 @@ class WheelCommand:
     angular: float
 
 
-# Of a longer time without a step, no more counts for speeding up; all counts for slowing down.
+# Of a longer time without a step, no more counts for speeding up.
 MOST_PERIODS = 5.0
 
 A_MOMENT = 1e-9  # [s]
@@ -62,6 +62,7 @@ class CommandPath:
         self._received_ns: int | None = None
         self._stepped_ns: int | None = None
         self._seconds = self.period  # of the last step
+        self._held_until_ns = -math.inf  # the target of the last step
         self._applied = self._applied_before = STOP
         self._complaint = ''
 
@@ -87,24 +88,26 @@ class CommandPath:
         """
         Take a command, the forward speed [m/s] and turn rate [rad/s] of the body.
 
-        late_ns [ns] is how late it comes, and how much sooner it is too old. What is too old
-        already changes nothing, but it may stop.
+        late_ns [ns] is how late it comes, and how much sooner it is too old; less than nothing
+        where it seems to be from the future. What is too old already, or of as far a future,
+        changes nothing, but it may stop.
         """
         self._count('commands')
         if not self._is_drivable(linear, angular):
             self._received_ns = now_ns
             self._count('not finite')
             self._stop(f'command ({linear} m/s, {angular} rad/s): must be finite')
-        elif self.timeout and late_ns > self.timeout * 1e9 and (linear or angular):
+        elif self.timeout and abs(late_ns) > self.timeout * 1e9 and (linear or angular):
             self._count('late')
             if not (self._linear or self._angular):
-                self._complaint = f'commands come {late_ns * 1e-9:.1f} s late'
+                self._complaint = (f'commands come {abs(late_ns) * 1e-9:.1f} s '
+                                   f'{"late" if late_ns > 0 else "early"}, or by another clock')
         elif self.holds:
             self._received_ns = now_ns
             self._count('held')
             self._stop('')
         else:
-            self._received_ns = now_ns - late_ns
+            self._received_ns = now_ns - max(late_ns, 0)
             self._linear, self._angular, self._complaint = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:
@@ -113,9 +116,11 @@ class CommandPath:
             self._count('timeouts')
             self._stop(f'no command for {self.timeout:g} s')
         seconds, self._stepped_ns = self._since_last_step(now_ns), now_ns
-        if seconds > MOST_PERIODS * self.period:
-            self._slow_down(seconds - MOST_PERIODS * self.period)
-            seconds = MOST_PERIODS * self.period
+        most = MOST_PERIODS * self.period
+        if seconds > most:
+            self._slow_down(min(seconds - most, (now_ns - self._held_until_ns) * 1e-9))
+            seconds = most
+        self._held_until_ns = self._valid_until_ns(now_ns)
         last, before_last = self._applied, self._applied_before
         linear = self.linear_limits.step(
             self._linear, last.linear, before_last.linear, seconds, self._seconds)
@@ -128,6 +133,11 @@ class CommandPath:
             self._applied_before, self._seconds = last, seconds
         return self._applied
 
+    def forget_time(self) -> None:
+        """Let the time be that of another clock from now on; a command from before it is over."""
+        self._stepped_ns = None
+        self._stop('the clock was changed')
+
     def _since_last_step(self, now_ns: int) -> float:
         """Return the time [s] since the last step, which is never nothing."""
         if self._stepped_ns is None:
@@ -139,8 +149,16 @@ class CommandPath:
         # and what has to stop for that stops.
         return self.period if self.holds else A_MOMENT
 
+    def _valid_until_ns(self, now_ns: int) -> float:
+        """Return until when the target holds, if no other is asked for."""
+        if self._received_ns is None or not (self._linear or self._angular):
+            return now_ns
+        return self._received_ns + self.timeout * 1e9 if self.timeout else math.inf
+
     def _slow_down(self, seconds: float) -> None:
-        """Let a time count in which the process stood still, and commanded nothing."""
+        """Let a time count in which the process stood still and nothing was asked for."""
+        if seconds <= 0.0:
+            return
         last = self._applied
         self._applied = self._applied_before = replace(
             last, linear=self.linear_limits.step(0.0, last.linear, last.linear, seconds),

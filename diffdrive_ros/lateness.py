@@ -1,125 +1,98 @@
 """
-How late a message comes, though the clocks of its sender and of its reader may not agree.
+How late a message comes, though the clock of its sender need not be that of this computer.
 
 A message tells when it was sent, by the sender's clock; the difference to the time of its arrival
-is that of the clocks plus the transit. The least of it is what the quickest transit gives, and
-what is beyond the least is lateness: DDS sends again what a broken link has swallowed, a full
-queue is emptied, a process that was stopped goes on. All times are in ns.
+is that of the clocks plus the transit. Where both are the same, or keep the same time, it is the
+transit alone. A message that differs by more is late (DDS sends again what a broken link has
+swallowed, a full queue is emptied, a process that was stopped goes on), or its sender has another
+clock. One message cannot tell which, but no burst of old ones goes on for a second: then it is a
+clock, and its messages are held against the quickest of them. All times are in ns.
 """
+from collections import deque
 from dataclasses import dataclass
 
-PUNCTUAL_NS = 50_000_000
-"""Transits that differ by less are as good as the same."""
+ALIKE_NS = 200_000_000
+"""Messages of one clock differ by less, for the most part; clocks that do are as good as one."""
 
-ALIKE_NS = 500_000_000
-"""Messages that are late by the same, but for this, may be of a clock that was set back."""
+PATIENCE_NS, PAUSE_NS = 1_000_000_000, 1_000_000_000
+"""So long another clock has to be heard until it is believed, and without a longer pause."""
 
-CONFIRMED, APART_NS = 3, 500_000_000
-"""So many show that it was, of which each comes so long after the one before: no burst does."""
+HOUR_NS = 3_600_000_000_000
+"""For each that was believed within it, twice as long: no link that becomes slower gets far."""
 
 DRIFT, MOST_DRIFT_NS = 5e-4, 100_000_000
 """Two clocks drift apart by no more: what the network time protocol may slew, and for how long."""
 
-QUICKEST, LEEWAY = 2000.0, 100
-"""Nobody sends more messages a second, or more than these at once."""
-
-MOST_SENDERS = 8
+MOST_CLOCKS = 8
 
 
 @dataclass
-class _Late:
-    """Messages of a sender that are late by about the same."""
+class _Clock:
+    """A clock that messages are sent by, as they show it."""
 
     difference_ns: int
-    counted_ns: int
-    count: int = 1
-
-
-@dataclass
-class _Sender:
-    """One who sends, by what its messages showed."""
-
-    sequence: int
-    """The number of its last message."""
+    """The least between sending, by this clock, and arrival."""
+    first_ns: int
     heard_ns: int
-    difference_ns: float
-    """The least difference between arrival and sending."""
-    sooner_ns: int | None = None
-    """The difference of a message that came sooner than any: the clock may have been set."""
-    late: _Late | None = None
 
-    def may_have_sent(self, sequence: int, now_ns: int) -> bool:
-        """Return whether a message of a number can be the next of this sender that is heard."""
-        most = LEEWAY + QUICKEST * 1e-9 * (now_ns - self.heard_ns)
-        return 0 < sequence - self.sequence <= most
-
-    def lateness(self, difference_ns: int, now_ns: int) -> float:
+    def lateness(self, difference_ns: int, now_ns: int) -> int:
         """Return how much later than by the quickest transit a message comes."""
-        drift_ns = min(DRIFT * (now_ns - self.heard_ns), MOST_DRIFT_NS)
+        drift_ns = min(round(DRIFT * (now_ns - self.heard_ns)), MOST_DRIFT_NS)
         return difference_ns - self.difference_ns - drift_ns
-
-    def is_set(self, difference_ns: int, now_ns: int) -> bool:
-        """Return whether a late message shows, with others before it, that its clock was set."""
-        if self.late is None or abs(difference_ns - self.late.difference_ns) > ALIKE_NS:
-            self.late = _Late(difference_ns, now_ns)
-            return False
-        if now_ns - self.late.counted_ns >= APART_NS:
-            self.late.counted_ns = now_ns
-            self.late.count += 1
-        return self.late.count >= CONFIRMED
-
-    def set_clock(self, difference_ns: float, now_ns: int) -> None:
-        """Take a difference for that of the quickest transit."""
-        self.difference_ns, self.heard_ns = difference_ns, now_ns
-        self.sooner_ns = self.late = None
 
 
 class Lateness:
-    """
-    Those who send on a topic, as their messages show them.
-
-    A message does not name its sender, but it has a number, and each sender counts its own. One
-    that follows no number that was heard is of a new sender, and not late. One that comes late is
-    late, unless others before it, with nothing punctual between, were late by about the same: then
-    the sender's clock was set back, or its link has become slower. Two that come too early show
-    that it was set forward, or taken for slower than it is. So nobody who goes on to send is
-    refused for more than a second or two messages.
-    """
+    """The clocks that messages on a topic are sent by: this computer's, and others."""
 
     def __init__(self) -> None:
-        self._senders: list[_Sender] = []
+        self._others: list[_Clock] = []
+        self._believed_ns: deque[int] = deque(maxlen=MOST_CLOCKS)
+        """When each of the others was."""
+        self._candidates: deque[_Clock] = deque(maxlen=MOST_CLOCKS)
 
-    def of(self, sent_ns: int, sequence: int | None, now_ns: int) -> tuple[int, int]:
+    def of(self, sent_ns: int, now_ns: int, wall_ns: int) -> tuple[int, int]:
         """
-        Return how late a message is, and of how late a one a new clock is believed.
+        Return how late a message is, and of how late a one another clock is believed just now.
 
-        Both are mostly 0, and always for a message that does not tell when it was sent or, with
-        None, its number.
+        now_ns is of a clock that nobody sets, wall_ns that of the computer. A message that comes
+        before it was sent, by all clocks that are known, is late by less than nothing. Both are
+        0 for a message that does not tell when it was sent.
         """
-        if sent_ns <= 0 or sequence is None:
+        if sent_ns <= 0:
             return 0, 0
         difference_ns = now_ns - sent_ns
-        possible = [each for each in self._senders if each.may_have_sent(sequence, now_ns)]
-        if not possible:
-            self._senders.append(_Sender(sequence, now_ns, difference_ns))
-            if len(self._senders) > MOST_SENDERS:
-                self._senders.remove(min(self._senders, key=lambda each: each.heard_ns))
-            return 0, 0
-        # Who counts alike is told apart by the clock; else it is whose numbers are nearest.
-        sender = min(possible, key=lambda each: (
-            abs(each.lateness(difference_ns, now_ns)) > PUNCTUAL_NS, sequence - each.sequence))
-        sender.sequence = sequence
-        late_ns = sender.lateness(difference_ns, now_ns)
-        if late_ns < -PUNCTUAL_NS:
-            if sender.sooner_ns is not None:
-                sender.set_clock(max(sender.sooner_ns, difference_ns), now_ns)
-            else:
-                sender.sooner_ns = difference_ns
-            return 0, 0
-        if late_ns <= PUNCTUAL_NS:
-            sender.set_clock(difference_ns - max(late_ns, 0.0), now_ns)
-            return max(round(late_ns), 0), 0
-        if sender.is_set(difference_ns, now_ns):
-            sender.set_clock(difference_ns, now_ns)
-            return 0, round(late_ns)
-        return round(late_ns), 0
+        clocks = [_Clock(now_ns - wall_ns, now_ns, now_ns), *self._others]
+        all_late = [(each.lateness(difference_ns, now_ns), each) for each in clocks]
+        possible = [pair for pair in all_late if pair[0] >= -ALIKE_NS]
+        late_ns, clock = (min(possible, key=_first) if possible else max(all_late, key=_first))
+        if abs(late_ns) <= ALIKE_NS:
+            clock.difference_ns, clock.heard_ns = difference_ns - max(late_ns, 0), now_ns
+            return max(late_ns, 0), 0
+        if self._is_another_clock(difference_ns, now_ns):
+            return 0, late_ns
+        return late_ns, 0
+
+    def _is_another_clock(self, difference_ns: int, now_ns: int) -> bool:
+        """Return whether a message shows, with others before it, a clock that is believed now."""
+        for candidate in self._candidates:
+            if (abs(difference_ns - candidate.difference_ns) <= ALIKE_NS
+                    and now_ns - candidate.heard_ns <= PAUSE_NS):
+                break
+        else:
+            self._candidates.append(_Clock(difference_ns, now_ns, now_ns))
+            return False
+        candidate.difference_ns = min(candidate.difference_ns, difference_ns)
+        candidate.heard_ns = now_ns
+        lately = sum(now_ns - believed_ns < HOUR_NS for believed_ns in self._believed_ns)
+        if now_ns - candidate.first_ns < PATIENCE_NS << lately:
+            return False
+        self._candidates.remove(candidate)
+        self._others.append(candidate)
+        if len(self._others) > MOST_CLOCKS:
+            self._others.remove(min(self._others, key=lambda each: each.heard_ns))
+        self._believed_ns.append(now_ns)
+        return True
+
+
+def _first(pair: tuple[int, _Clock]) -> int:
+    return pair[0]

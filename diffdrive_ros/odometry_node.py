@@ -12,7 +12,7 @@ from diffdrive_ros.complaints import Complaints
 from diffdrive_ros.config import Config, say_unknown_names, SPECS
 from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.lateness import Lateness
-from diffdrive_ros.message_info import with_sending
+from diffdrive_ros.message_info import with_time_sent
 from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odometry import Odometry
 from diffdrive_ros.pose_message import read_pose
@@ -84,6 +84,7 @@ class OdometryNode(Node):
             self.get_logger().warning, '{}; wheels stopped')
         self._feedback_complaints = Complaints(
             self.get_logger().warning, 'joint_states: {}')
+        self._was_simulated = self._is_simulated
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
         self._ticked_at = math.inf  # on the monotonic clock
         self._overdue = 2.0 * self._command.period
@@ -131,10 +132,10 @@ class OdometryNode(Node):
             clock=Clock(clock_type=ClockType.STEADY_TIME))
         if config.enable_stamped_cmd_vel:
             self.create_subscription(
-                TwistStamped, 'cmd_vel', with_sending(self._on_twist_stamped), NEWEST_ONLY)
+                TwistStamped, 'cmd_vel', with_time_sent(self._on_twist_stamped), NEWEST_ONLY)
         else:
             self.create_subscription(
-                Twist, 'cmd_vel', with_sending(self._on_twist), NEWEST_ONLY)
+                Twist, 'cmd_vel', with_time_sent(self._on_twist), NEWEST_ONLY)
         if not config.open_loop:
             self._timer.cancel()  # until the first command: an idle node costs nothing
             self.create_subscription(
@@ -192,10 +193,10 @@ class OdometryNode(Node):
         self._command.linear_limits = config.linear_limits
         self._command.angular_limits = config.angular_limits
 
-    def _on_twist_stamped(self, message: Any, sent_ns: int, sequence: int | None) -> None:
-        self._on_twist(message.twist, sent_ns, sequence)
+    def _on_twist_stamped(self, message: Any, sent_ns: int) -> None:
+        self._on_twist(message.twist, sent_ns)
 
-    def _on_twist(self, twist: Any, sent_ns: int, sequence: int | None) -> None:
+    def _on_twist(self, twist: Any, sent_ns: int) -> None:
         linear, angular = twist.linear, twist.angular
         if not self._other_axes_said and (
                 linear.y or linear.z or angular.x or angular.y):
@@ -205,12 +206,12 @@ class OdometryNode(Node):
                 'ignored')
         late_ns = 0
         if not self._is_simulated:
-            late_ns, believed_ns = self._lateness.of(sent_ns, sequence, _steady_ns())
+            late_ns, believed_ns = self._lateness.of(sent_ns, _steady_ns(), time.time_ns())
             if believed_ns:
                 self._command.counts['taken for another clock'] += 1
                 self.get_logger().warning(
-                    f'cmd_vel goes on to come {believed_ns * 1e-9:.1f} s later than before: taken '
-                    'for that of another clock')
+                    f'cmd_vel goes on to come {abs(believed_ns) * 1e-9:.1f} s '
+                    f'{"late" if believed_ns > 0 else "early"}: taken for that of another clock')
         now_ns = self._command_ns()
         if self._timer.is_canceled():
             self._hold_where_due(now_ns)
@@ -247,8 +248,11 @@ class OdometryNode(Node):
     def _tick(self, now: float) -> None:
         """Send the wheels what holds now; without encoders, take it for what they did."""
         self._ticked_at = now
+        if self._is_simulated != self._was_simulated:
+            self._was_simulated = self._is_simulated
+            self._command.forget_time()
         stamp, now_ns = self._now(), self._command_ns()
-        if self._config.open_loop:
+        if self._config.open_loop and self._has_stamp(_nanoseconds(stamp)):
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
             speeds = of_each(joints, self._sent.left, self._sent.right)
             self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
@@ -291,8 +295,7 @@ class OdometryNode(Node):
             self.get_logger().warning(
                 'joint_states come without a stamp: the time of receipt stands in', once=True)
             stamp_ns = self.get_clock().now().nanoseconds
-            if stamp_ns >= END_OF_TIME_NS:
-                self._refuse(f'the clock is at {stamp_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
+            if not self._has_stamp(stamp_ns):
                 return
         if self._on_wheels(names, positions, velocities, stamp_ns):
             self._monitor.sampled_at = time.monotonic()
@@ -329,6 +332,13 @@ class OdometryNode(Node):
             if self._transforms:
                 self._transforms.send(odom_ns, *estimate[0])
         return True
+
+    def _has_stamp(self, clock_ns: int) -> bool:
+        """Return whether a time of our clock can be the stamp of odom."""
+        if clock_ns < END_OF_TIME_NS:
+            return True
+        self._refuse(f'the clock is at {clock_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
+        return False
 
     def _refuse(self, complaint: str) -> None:
         self._feedback.refuse(complaint)

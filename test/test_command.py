@@ -282,10 +282,36 @@ def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new
     if is_new:
         path.accept(1.0, 0.0, now)
     left = path.step(now).linear
+    slow = max(pause - 0.5, 0.0)  # the command was to hold for half a second
     if is_new:
-        assert left == pytest.approx(min(1.0, max(0.0, 1.0 - 0.4 * max(pause - 0.1, 0.0)) + 0.4))
+        assert left == pytest.approx(min(1.0, max(0.0, 1.0 - 0.4 * slow) + 0.4))
     elif pause > 0.5 + 1e-6:
-        assert left == pytest.approx(max(0.0, 1.0 - 0.4 * pause))
+        assert left == pytest.approx(max(0.0, 1.0 - 0.4 * (slow + min(0.1, pause))))
+    else:
+        assert left == 1.0
+
+
+@given(st.sampled_from([1.0, 5.0, 6.0, 10.0, 25.0]))
+def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pace: float) -> None:
+    """A step that is longer than five periods is no pause, while commands are to hold."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(max_acceleration=1.0), period=0.02)
+    for k in range(200):
+        now = BOOT_NS + round(k * pace * 20_000_000)
+        path.accept(1.0, 0.0, now)
+        sent = path.step(now)
+    assert sent.linear == pytest.approx(1.0)
+
+
+def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
+    """Between two clocks no time can be told."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(max_acceleration=2.0), period=0.02)
+    for k in range(100):
+        path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
+        path.step(BOOT_NS + k * 20_000_000)
+    path.forget_time()
+    speeds = [path.step(7 + k * 20_000_000).linear for k in range(30)]
+    assert speeds == pytest.approx([max(0.0, 0.96 - 0.04 * k) for k in range(30)], abs=1e-9)
+    assert path.complaint == 'the clock was changed'
 
 
 @given(st.lists(st.integers(0, 25), min_size=1, max_size=80))

@@ -209,6 +209,31 @@ def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
     assert [node._is_due(start - hour + k * 50_000_000) for k in range(3)] == [True, False, True]
 
 
+def test_in_open_loop_too_a_clock_beyond_the_stamps_of_ros_is_refused(
+        station: Station, make: Make, said: Said) -> None:
+    """The wheels are commanded all the same."""
+    node = make(open_loop=True)
+    heard = driving(station)
+    ticks = []
+    node._sender.send = lambda *arguments: ticks.append(arguments)
+    node._now = lambda: SimpleNamespace(sec=2**31, nanosec=7)
+    wait_until(lambda: len(ticks) > 3)
+    assert 'joint_states: the clock is at 2147483648 s: must be before 2038' in said()
+    assert heard
+
+
+def test_a_clock_that_is_changed_on_the_way_stops_by_the_deceleration_limit(
+        station: Station, make: Make, said: Said) -> None:
+    """The time since the last step is unknown then, and no reason to stop in one message."""
+    node = make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-1.0)
+    heard = driving(station)
+    node.set_parameters([Parameter('use_sim_time', value=True)])
+    wait_until(lambda: stands(heard[-1][1]))
+    speeds = [message.velocity[0] for _, message in heard]
+    assert max(-np.diff(speeds)) < 0.3 * max(speeds)
+    assert 'clock' in said()
+
+
 def test_a_software_stop_before_any_command_holds_the_wheels_too(
         station: Station, make: Make) -> None:
     """Zeros go out, for somebody else may have set them turning."""
