@@ -38,6 +38,9 @@ class WheelSample(NamedTuple):
     """When time has started again: the stamp [ns] in the new time of the last sample's angles."""
 
 
+_wheel_sample = tuple.__new__  # WheelSample.__new__ is in Python, and twice as dear
+
+
 @dataclass(slots=True)
 class _Wheel:
     name: str
@@ -79,8 +82,10 @@ class WheelFeedback:
     max_plausible_speed: float | None = None
     complaint: str = field(default='', init=False)
     """What was wrong with the last message of ours, for a person to read; '' if nothing was."""
+    samples: int = field(default=0, init=False)
+    """How many there were."""
     counts: Counter[str] = field(default_factory=Counter, init=False)
-    """How often what happened, by the words in which diagnostics say it."""
+    """How often what else happened, by the words in which diagnostics say it."""
 
     def __post_init__(self) -> None:
         self._left = [_Wheel(name, self.left_direction) for name in self.left_names]
@@ -92,10 +97,10 @@ class WheelFeedback:
             self.position_feedback and self.encoder_wrap is None
             and self.max_plausible_speed is None)
         self._restarted_ns: int | None = None
-        # What the next message nearly always is: as the last, which alone was a whole sample.
+        # What the next message of a robot with two wheels nearly always is: as the last.
         self._usual_names: tuple[str, ...] | None = None
-        self._usual_wheels: list[_Wheel] = []
         self._usual_after_ns = BEFORE_ALL_NS
+        self._usual_wheels: tuple[_Wheel, ...] = ()
 
     @property
     def waits_for(self) -> list[str]:
@@ -147,7 +152,9 @@ class WheelFeedback:
             self._renewed.add(wheel.name)
         if len(self._renewed) < len(self._wheels):
             return None
-        self._expect(names, stamp_ns)
+        if self._takes_all and len(names) == 2 and self._wheels.keys() == set(names):
+            self._usual_names, self._usual_after_ns = tuple(names), stamp_ns
+            self._usual_wheels = tuple([self._wheels[name] for name in names])
         return self._sample(max([wheel.stamp_ns for wheel in self._wheels.values()]))
 
     def refuse(self, complaint: str) -> None:
@@ -155,30 +162,31 @@ class WheelFeedback:
         self._count('unreadable')
         self.complaint = complaint
 
-    def _expect(self, names: Sequence[str], stamp_ns: int) -> None:
-        """Take note of a message that completed a sample, if others like it can be quick."""
-        if (self._takes_all and len(names) == len(self._wheels)
-                and self._wheels.keys() == set(names)):
-            self._usual_names, self._usual_after_ns = tuple(names), stamp_ns
-            self._usual_wheels = [self._wheels[name] for name in names]
-
     def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample | None:
-        """Return the sample of a message with nothing special about it; None if there is."""
-        wheels = self._usual_wheels
-        if len(positions) != len(wheels):
+        """
+        Return the sample of a message with nothing special about it; None if there is.
+
+        The same is done as for any other, by as little code and data as can be: between two
+        messages the caches forget, and it is what has to be fetched again that costs.
+        """
+        if len(positions) != 2:
             return None
-        for value in positions:
-            if not abs(value) < LARGEST:
-                return None
+        value, other_value = positions
+        if not (abs(value) < LARGEST and abs(other_value) < LARGEST):
+            return None
+        self.samples += 1
         self.complaint = ''
         self._usual_after_ns = stamp_ns
-        for wheel, value in zip(wheels, positions, strict=True):
-            wheel.angle += wheel.direction * (value - wheel.value)
-            wheel.value, wheel.stamp_ns = value, stamp_ns
-        return self._sample(stamp_ns)
+        wheel, other = self._usual_wheels
+        wheel.angle += wheel.direction * (value - wheel.value)
+        wheel.value, wheel.stamp_ns = value, stamp_ns
+        other.angle += other.direction * (other_value - other.value)
+        other.value, other.stamp_ns = other_value, stamp_ns
+        return _wheel_sample(WheelSample, (
+            self._left[0].angle, self._right[0].angle, stamp_ns, None))
 
     def _sample(self, stamp_ns: int) -> WheelSample:
-        self.counts['samples'] += 1
+        self.samples += 1
         self._renewed.clear()
         restarted_ns, self._restarted_ns = self._restarted_ns, None
         left = right = 0.0
@@ -186,9 +194,8 @@ class WheelFeedback:
             left += wheel.angle
         for wheel in self._right:
             right += wheel.angle
-        left, right = left / len(self._left), right / len(self._right)
-        # Half the price of WheelSample(...), whose __new__ is in Python.
-        return tuple.__new__(WheelSample, (left, right, stamp_ns, restarted_ns))
+        return WheelSample(
+            left / len(self._left), right / len(self._right), stamp_ns, restarted_ns)
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""

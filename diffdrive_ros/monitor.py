@@ -54,7 +54,7 @@ class Monitor:
         self._look_at_publishers()
         now = time.monotonic()
         elapsed, self._looked_at = now - self._looked_at, now
-        samples, commands = self._feedback.counts['samples'], self._command.counts['commands']
+        samples, commands = self._feedback.samples, self._command.counts['commands']
         self._sample_rate = (samples - self._samples_then) / elapsed
         self._command_rate = (commands - self._commands_then) / elapsed
         self._samples_then, self._commands_then = samples, commands
@@ -71,10 +71,10 @@ class Monitor:
     def _feedback_status(self) -> Status:
         rate = self._sample_rate
         figures = {'rate [Hz]': f'{rate:.1f}', 'age [s]': f'{self.silence():.3f}',
-                   **dict(self._feedback.counts)}
+                   'samples': self._feedback.samples, **dict(self._feedback.counts)}
         if self._config.open_loop:
             return Status('feedback', OK, 'open loop: the commands stand in', figures)
-        was_heard = self._feedback.counts['samples'] > 0
+        was_heard = self._feedback.samples > 0
         if self.silence() <= LONGEST_SILENCE:
             if not was_heard:
                 return Status('feedback', WARN, 'none yet', figures)
@@ -83,7 +83,7 @@ class Monitor:
             self._counts_then = Counter(self._feedback.counts)
             return Status('feedback', OK, f'{rate:.0f} Hz', figures)
         reason = self._reason_of_silence()
-        is_missed = self._feedback.counts or self._command.started
+        is_missed = was_heard or self._feedback.counts or self._command.started
         if is_missed and 'silence' not in self._said:
             self._said.add('silence')
             self._node.get_logger().warning(f'joint_states: {reason}')
@@ -97,7 +97,7 @@ class Monitor:
         reason = f'no usable sample of the wheels for {LONGEST_SILENCE:g} s'
         if not heard.issuperset(wanted):
             reason += f': heard {", ".join(sorted(heard))}; waiting for {", ".join(wanted)}'
-        whys = [f'{count} {what}' for what, count in sorted(counts.items()) if what != 'samples']
+        whys = [f'{count} {what}' for what, count in sorted(counts.items())]
         return f'{reason} ({", ".join(whys)})' if whys else reason
 
     def _command_status(self) -> Status:

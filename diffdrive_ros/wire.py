@@ -51,11 +51,11 @@ class _Layout(NamedTuple):
     """Where a JointState has what, for all that have the same frame, joints and counts."""
 
     size: int
+    head: bytes
+    """The frame and the names with their lengths, and whatever fills up between them."""
     unpack: Callable[[bytes], tuple[Any, ...]]
-    """Returns preamble, stamp, head, and the count and the wanted ones of each sequence."""
+    """Returns preamble, stamp, and the count and the wanted ones of each sequence."""
     preamble: bytes
-    head: tuple[bytes, ...]
-    """The frame and the names with their lengths, in pieces between the bytes that only fill."""
     positions_at: int
     """Where, among what is unpacked, the count of the positions stands."""
     velocities_at: int
@@ -78,11 +78,11 @@ class JointStateReader:
 
     def read(self, payload: bytes) -> JointReading:
         """Return what a payload says; raises WireError if it is malformed."""
-        for size, unpack, preamble, head, middle, last, counts, names, all_names in self._layouts:
-            if len(payload) != size:
+        for size, head, unpack, preamble, middle, last, counts, names, all_names in self._layouts:
+            if len(payload) != size or not payload.startswith(head, AFTER_STAMP):
                 continue
             values = unpack(payload)
-            if (values[0] == preamble and values[3:middle] == head
+            if (values[0] == preamble
                     and (values[middle], values[last], values[-1]) == counts):
                 stamp_ns = values[1] * 1_000_000_000 + values[2]
                 if stamp_ns >= END_OF_TIME_NS:
@@ -96,11 +96,9 @@ class JointStateReader:
         scan = Scan(payload, at=AFTER_STAMP)
         scan.string()
         all_names = tuple([scan.string() for _ in range(scan.count())])
-        starts, ends = (AFTER_STAMP, *scan.gap_ends), (*scan.gap_starts, scan.at)
-        head = [
-            (start, f'{end - start}s') for start, end in zip(starts, ends, strict=True)]
+        head = bytes(payload[AFTER_STAMP:scan.at])
         wanted = [index for index, name in enumerate(all_names) if name in self._wanted]
-        fields = [(0, '2s'), (PREAMBLE, 'i'), (PREAMBLE + 4, 'I'), *head]
+        fields = [(0, '2s'), (PREAMBLE, 'i'), (PREAMBLE + 4, 'I')]
         counts_at = []
         for of_interest in wanted, wanted, []:  # positions, velocities, efforts
             counts_at.append(len(fields))
@@ -112,7 +110,7 @@ class JointStateReader:
         values = unpack(payload)
         positions_at, velocities_at, _ = counts_at
         return _Layout(
-            len(payload), unpack, values[0], values[3:positions_at], positions_at, velocities_at,
+            len(payload), head, unpack, values[0], positions_at, velocities_at,
             (values[positions_at], values[velocities_at], values[-1]),
             tuple([all_names[index] for index in wanted]), all_names)
 
@@ -130,9 +128,6 @@ class Scan:
             raise WireError(f'encoding {payload[:2].hex()}: must be 0000 or 0001')
         self.byte_order = byte_order
         self.at = at
-        self.gap_starts: list[int] = []
-        """Where bytes that only fill, and may be anything, begin."""
-        self.gap_ends: list[int] = []
         self._payload = payload
 
     def count(self) -> int:
@@ -175,11 +170,7 @@ class Scan:
         return unpack_from(form, self._payload, start)
 
     def _align(self, size: int) -> None:
-        filling = -(self.at - PREAMBLE) % size
-        if filling:
-            self.gap_starts.append(self.at)
-            self.at += filling
-            self.gap_ends.append(self.at)
+        self.at += -(self.at - PREAMBLE) % size
 
     def _advance(self, size: int, what: str) -> None:
         end = self.at + size

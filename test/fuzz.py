@@ -97,8 +97,8 @@ class FeedbackEpisode(Episode):
             if self.random.random() < 0.8:
                 self.rubbish(self.random.randrange(1, 25))
             self.stretch(self.random.randrange(25, 100))
-        demand(self.feedback.counts['samples'] == self.samples, 'samples were miscounted',
-               self.feedback.counts['samples'], self.samples)
+        demand(self.feedback.samples == self.samples, 'samples were miscounted',
+               self.feedback.samples, self.samples)
 
     def say(self, names: list[str], values: list[float], stamp_ns: int) -> WheelSample | None:
         """Send a message, and its sample on to the odometry, as the node does."""
