@@ -4,11 +4,10 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 import math
 import threading
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from diffdrive_ros import spinning
+from diffdrive_ros import clock, spinning
 from diffdrive_ros.pilot import Twist as PilotTwist
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
@@ -55,7 +54,7 @@ class Heard:
     @property
     def age(self) -> float:
         """Return how long ago it came [s]."""
-        return time.monotonic() - self._at
+        return clock.now() - self._at
 
     @property
     def message(self) -> Any:
@@ -66,7 +65,7 @@ class Heard:
         return self._opened and self._opened[1]
 
     def _take(self, raw: bytes) -> None:
-        self._raw, self._at = raw, time.monotonic()
+        self._raw, self._at = raw, clock.now()
 
 
 class HeardJoints:
@@ -85,11 +84,11 @@ class HeardJoints:
             for name, speed in zip(message.name, message.velocity, strict=False):
                 if math.isfinite(speed):
                     self._speeds[name] = at, speed
-        now = time.monotonic()
+        now = clock.now()
         return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
 
     def _take(self, raw: bytes) -> None:
-        self._raw.append((time.monotonic(), raw))
+        self._raw.append((clock.now(), raw))
 
 
 class DashboardNode(Node):
@@ -218,13 +217,13 @@ class DashboardNode(Node):
             and not end.node_name.startswith(LOOKERS))
 
     def _on_diagnostics(self, message: Any) -> None:
-        now = time.monotonic()
+        now = clock.now()
         for status in message.status:
             self.diagnostics[status.name] = now, status
 
     def _on_parameters(self, message: Any) -> None:
         if message.node == self.watched:
-            self.parameters_changed_at = time.monotonic()
+            self.parameters_changed_at = clock.now()
 
 
 def full_name(end: Any) -> str:

@@ -2,10 +2,9 @@
 from collections.abc import Awaitable, Mapping
 from functools import partial
 from pathlib import Path
-import time
 from typing import Any
 
-from diffdrive_ros import steering
+from diffdrive_ros import clock, steering
 from diffdrive_ros.dashboard_node import NoAnswerError
 from diffdrive_ros.dashboard_panels import DiagnosticsPanel, KinematicsPanel, ParametersPanel
 from diffdrive_ros.dashboard_robot import DashboardRobot
@@ -168,7 +167,7 @@ class Page:
         self._robot.publish(self._robot.pilot.beat(
             self.identity, Beat(
                 number, sight, twist, bool(said.get('lost')),
-                self.may_drive and not self._robot.is_disabled), time.monotonic()))
+                self.may_drive and not self._robot.is_disabled), clock.now()))
 
     def _asked(self, said: Mapping[str, Any]) -> Twist:
         fastest = self._linear.value, self._angular.value

@@ -1,10 +1,9 @@
 """The panels beside the map: the equations with their numbers, parameters, diagnostics."""
 from collections.abc import Sequence
 import math
-import time
 from typing import Any, Protocol
 
-from diffdrive_ros import kinematics_text
+from diffdrive_ros import clock, kinematics_text
 from diffdrive_ros.dashboard_node import NoAnswerError
 from diffdrive_ros.dashboard_robot import DashboardRobot, DIAGNOSTICS_SILENT
 from diffdrive_ros.dashboard_view import View
@@ -62,7 +61,7 @@ class KinematicsPanel:
     def touch(self, pose: Any, wheels: Any) -> None:
         """Take what is being dragged on the map."""
         if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
-            self._pose, self._touched_at = pose, time.monotonic()
+            self._pose, self._touched_at = pose, clock.now()
         if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
             self._take_wheels(*map(float, wheels))
             self._left.set_value(round(self.wheels[0], 2))
@@ -71,7 +70,7 @@ class KinematicsPanel:
 
     def refresh(self) -> None:
         """Renew the numbers."""
-        if time.monotonic() - self._touched_at > 1.0:
+        if clock.now() - self._touched_at > 1.0:
             self._pose = None
         pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
         told = self.wheels if self._are_wheels_touched else self._robot.wheels
@@ -185,7 +184,7 @@ class DiagnosticsPanel:
 
     def refresh(self) -> None:
         """Renew what has changed."""
-        now = time.monotonic()
+        now = clock.now()
         lines = []
         for name, (heard_at, status) in sorted(self._robot.node.diagnostics.items()):
             is_old = now - heard_at > DIAGNOSTICS_SILENT

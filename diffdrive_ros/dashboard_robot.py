@@ -1,10 +1,9 @@
 """The robot as all pages see it: what was heard of it, its tracks, its geometry, its driver."""
 from collections.abc import Sequence
 import math
-import time
 from typing import Any
 
-from diffdrive_ros import ellipse, parameters, remote_parameters
+from diffdrive_ros import clock, ellipse, parameters, remote_parameters
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
 from diffdrive_ros.pilot import Pilot, Twist
 from diffdrive_ros.remote_parameters import RemoteParameter
@@ -110,7 +109,7 @@ class DashboardRobot:
     @property
     def is_disabled(self) -> bool:
         """Return whether the node holds the wheels because somebody asked it to."""
-        now = time.monotonic()
+        now = clock.now()
         return any(
             DISABLED in status.message and now - heard_at < DIAGNOSTICS_SILENT
             for name, (heard_at, status) in list(self.node.diagnostics.items())
@@ -143,7 +142,7 @@ class DashboardRobot:
 
     async def learn(self) -> None:
         """Read the parameters of the node, and what follows from them; raises NoAnswerError."""
-        before, forgotten = time.monotonic(), self._forgotten
+        before, forgotten = clock.now(), self._forgotten
         learned = await remote_parameters.read_all(self.node.ask)
         if self._forgotten != forgotten:
             return  # these may be of a process that is no more

@@ -4,6 +4,7 @@ from collections.abc import Awaitable, Callable
 import logging
 import time
 
+from diffdrive_ros import clock
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError, Spinner
 from diffdrive_ros.dashboard_page import Page
 from diffdrive_ros.dashboard_robot import DashboardRobot
@@ -57,12 +58,12 @@ class Server:
         self._robot.node.last_words()
 
     async def _watch(self) -> None:
-        self._robot.publish(self._robot.pilot.watch(time.monotonic()))
+        self._robot.publish(self._robot.pilot.watch(clock.now()))
 
     async def _picture(self) -> None:
         self._robot.look()
         for page in list(self._pages.values()):
-            page.show(time.monotonic())
+            page.show(clock.now())
 
     async def _numbers(self) -> None:
         for page in list(self._pages.values()):

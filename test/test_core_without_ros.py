@@ -30,6 +30,7 @@ CORE = {
     # The judge of the odometry shares no code with it.
     'simulation': {'arguments'},
     # What the dashboard decides, without ROS and without a browser.
+    'clock': set(),
     'pilot': set(),
     'steering': {'pilot'},
     'track': set(),

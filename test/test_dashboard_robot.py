@@ -1,9 +1,9 @@
 """The robot as the dashboard sees it, and when it may be driven; over DDS, without a browser."""
 import asyncio
 from collections.abc import Callable
-import time
 from types import SimpleNamespace
 
+from diffdrive_ros import clock
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
 from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED
 from diffdrive_ros.odometry_node import OdometryNode
@@ -55,7 +55,7 @@ def learn(robot: DashboardRobot) -> None:
 def drive(robot: DashboardRobot) -> None:
     """Let a page drive."""
     for number, asked in enumerate((STOP, AHEAD)):
-        now = time.monotonic()
+        now = clock.now()
         robot.publish(robot.pilot.beat('a', Beat(number, now, asked), now))
     assert robot.pilot.is_moving
 
@@ -281,7 +281,7 @@ def test_a_parameter_that_was_set_is_no_refusal_if_the_node_falls_silent_then(
 
 def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:
     """Not that of another robot on the same network."""
-    status = time.monotonic(), SimpleNamespace(message=DISABLED)
+    status = clock.now(), SimpleNamespace(message=DISABLED)
     robot.node.diagnostics['/robot2/odometry: commands'] = status
     robot.node.diagnostics['/odometry2: commands'] = status
     assert not robot.is_disabled
