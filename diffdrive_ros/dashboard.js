@@ -1,6 +1,6 @@
 // What has to happen in the browser: the heartbeat of whoever drives, and the map one can touch.
 // kind 'pad' is the joystick, keys and heartbeat; 'hold' a button that drives while it is held;
-// 'limit' a slider; 'map' the picture. All of a page share one hand, and one sight: the newest picture that was drawn.
+// 'limit' a slider; 'map' the picture. All of a page share one hand, and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
 const ASLEEP = 250; // [ms] between beats: this page was held up, and its hands may have let go
@@ -10,7 +10,8 @@ const KEYS = {
 };
 // lost: it held something that was taken from it, which the driver has to be told.
 const hand = { keys: new Set(), stick: null, wheels: false, lost: false, release: [] };
-let sight = 0; // when the server sent the newest picture that was drawn here, on its clock
+// When the server sent it, on its clock, and how often STOP was pressed then. Clicks carry it too.
+window.glance = { sight: 0, stops: 0 };
 
 function letGo() {
   hand.lost ||= hand.keys.size > 0 || hand.stick !== null || hand.wheels;
@@ -59,7 +60,7 @@ const pad = {
     document.body.classList.toggle('lost', !isConnected);
     if (!isConnected) return letGo();
     this.$emit('beat', {
-      number: this.number++, sight, keys: [...hand.keys], stick: hand.stick,
+      number: this.number++, sight: window.glance.sight, keys: [...hand.keys], stick: hand.stick,
       wheels: hand.wheels, lost: hand.lost, visible: document.visibilityState === 'visible' });
     hand.lost = false;
   },
@@ -259,6 +260,7 @@ const chart = {
     if (!drag || !this.touched || drag.name === 'view') return;
     if (this.touched.pose) this.touched.sent = this.frame.tick;
     this.$emit('touch', {
+      ...window.glance,
       pose: ['body', 'tip'].includes(drag.name) ? this.touched.pose : null,
       wheels: this.touched.wheels, done: true });
   },
@@ -287,7 +289,7 @@ const chart = {
     this.drawEllipse(pen, color('ellipse'));
     if (this.frame.truth) this.drawRobot(pen, this.frame.truth, color('truth'), false);
     this.drawRobot(pen, this.pose(), color('odom'), true, color);
-    sight = this.frame.tick;
+    window.glance = { sight: this.frame.tick, stops: this.frame.stops };
     canvas.dataset.drawn = Number(canvas.dataset.drawn || 0) + 1;
   },
   keepInView() {

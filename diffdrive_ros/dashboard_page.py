@@ -1,6 +1,7 @@
 """The page: one of it for each browser that looks at the robot."""
-from collections.abc import Awaitable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from diffdrive_ros.dashboard_robot import DashboardRobot
 from diffdrive_ros.dashboard_view import Limit, View
 from diffdrive_ros.pilot import Beat, Twist
 from nicegui import ui
+from nicegui.events import GenericEventArguments
 
 MOST_UNSEEN = 6  # pictures on their way to a page; one that draws nothing gets no more
 SLOWLY = 1.0  # [s] between pictures for such a page
@@ -59,8 +61,9 @@ class Page:
                     for x, y, is_start in track.points[start:]]}
         drive = robot.drive
         self._map.run_method('show', {
-            'tick': now * 1e3, 'odom': robot.odom or (0.0, 0.0, 0.0), 'truth': robot.truth,
-            'ellipse': robot.ellipse, 'wheels': robot.wheels, 'tracks': tracks,
+            'tick': now * 1e3, 'stops': robot.pilot.stops,
+            'odom': robot.odom or (0.0, 0.0, 0.0), 'truth': robot.truth, 'ellipse': robot.ellipse,
+            'wheels': robot.wheels, 'tracks': tracks,
             'geometry': (drive.wheel_separation, drive.left_wheel_radius,
                          drive.right_wheel_radius)})
 
@@ -123,9 +126,10 @@ class Page:
 
     def _build_drive(self) -> None:
         with ui.row().classes('gap-2'):
-            self._resume = ui.button('Release the stop', on_click=self._on_resume).props(
-                'no-caps color=green-10')
-            self._take = ui.button('Take the wheel', on_click=self._on_take).props('no-caps')
+            self._resume = ui.button('Release the stop').props('no-caps color=green-10')
+            self.do_now(self._resume, 'click', self._on_resume)
+            self._take = ui.button('Take the wheel').props('no-caps')
+            self.do_now(self._take, 'click', self._on_take)
             self._unlock = ui.button('Drive this real robot', on_click=self._ask_to_unlock).props(
                 'no-caps color=deep-orange-10')
         with ui.row().classes('items-center gap-4 no-wrap pt-2'):
@@ -181,7 +185,29 @@ class Page:
     def _on_touch(self, said: Mapping[str, Any]) -> None:
         self._kinematics.touch(said.get('pose'), said.get('wheels'))
         if said.get('done') and said.get('pose'):
-            self.set_pose(said['pose'])
+            if self._is_of_now(said):
+                self.set_pose(said['pose'])
+            else:
+                self.forget_touch()
+
+    def do_now(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
+        """Have an event do something to the robot, unless it was held up on its way."""
+        def hear(arguments: GenericEventArguments) -> Any:
+            return act() if self._is_of_now(arguments.args) else None
+
+        element.on(event, hear, js_handler='() => emit(window.glance)')
+
+    def _is_of_now(self, glance: Any) -> bool:
+        """Return whether a hand on the page saw the robot as it is, and say so if not."""
+        try:
+            sight, stops = float(glance['sight']) / 1e3, int(glance['stops'])
+        except (KeyError, TypeError, ValueError, OverflowError):
+            sight, stops = math.nan, 0
+        if self._robot.pilot.sees(sight, stops, clock.now()):
+            return True
+        ui.notify('That came late, or stop was pressed meanwhile: nothing was changed. Look, and '
+                  'do it again.', type='warning')
+        return False
 
     def set_pose(self, pose: Any) -> None:
         """Set odometry to a pose, if this page may."""
@@ -223,9 +249,10 @@ class Page:
             return False
         return True
 
-    async def _on_resume(self) -> None:
-        if not self.refuses():
-            await self.attempt(self._robot.release())
+    def _on_resume(self) -> Awaitable[bool] | None:
+        if self.refuses():
+            return None
+        return self.attempt(self._robot.release(self._robot.pilot.stops))
 
     def _on_take(self) -> None:
         if self.may_drive:
@@ -237,8 +264,9 @@ class Page:
             ui.label('Is nobody near it, and is somebody at its emergency stop? Your keys and the '
                      'joystick will then drive it.')
             with ui.row():
-                ui.button('Drive it', on_click=lambda: dialog.submit(True)).props(
-                    'no-caps color=deep-orange-10')
+                self.do_now(
+                    ui.button('Drive it').props('no-caps color=deep-orange-10'), 'click',
+                    partial(dialog.submit, True))
                 ui.button('Only look', on_click=dialog.close).props('no-caps flat')
         self._is_unlocked = await dialog is True
 

@@ -1,5 +1,5 @@
 """The panels beside the map: the equations with their numbers, parameters, diagnostics."""
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 from typing import Any, Protocol
 
@@ -16,6 +16,9 @@ LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 class Hands(Protocol):
     """What a panel needs of its page."""
+
+    def do_now(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
+        """Have an event do something to the robot, unless it was held up on its way."""
 
     def set_pose(self, pose: Any) -> None:
         """Set odometry to a pose, if the page may."""
@@ -48,8 +51,10 @@ class KinematicsPanel:
             self._x, self._y, self._theta = (
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
                 for name, step in (('x [m]', 0.1), ('y [m]', 0.1), ('θ [rad]', 0.1)))
-            ui.button('Set pose', on_click=self._on_set).props('no-caps dense')
-            ui.button('Reset odometry', on_click=self._on_reset).props('no-caps dense outline')
+            page.do_now(ui.button('Set pose').props('no-caps dense'), 'click', self._on_set)
+            page.do_now(
+                ui.button('Reset odometry').props('no-caps dense outline'), 'click',
+                self._on_reset)
         with ui.row().classes('gap-2 items-end pt-1'):
             self._left, self._right = (
                 ui.number(name, value=0.0, format='%.2f', step=0.5, on_change=self._on_speeds
@@ -150,8 +155,8 @@ class ParametersPanel:
                     field = ui.input(name, value=parameter.text)
                 field.props('dense outlined').classes('grow')
                 self._fields[name] = field
-                ui.button('Set', on_click=lambda: self._set(name)).props(
-                    f'no-caps dense aria-label="Set {name}"')
+                button = ui.button('Set').props(f'no-caps dense aria-label="Set {name}"')
+                self._page.do_now(button, 'click', lambda: self._set(name))
             rule = f'It {parameter.rule}.' if parameter.rule else ''
             ui.label(f'{parameter.description} {rule}').classes(
                 'text-sm quiet')
@@ -159,7 +164,7 @@ class ParametersPanel:
             self._answers[name] = answer
         field.on('update:model-value', lambda: answer.set_text(''), args=[])
         if isinstance(field, ui.input):
-            field.on('keydown.enter', lambda: self._set(name))
+            self._page.do_now(field, 'keydown.enter', lambda: self._set(name))
 
     async def _set(self, name: str) -> None:
         if self._page.refuses():

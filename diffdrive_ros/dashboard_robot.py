@@ -176,14 +176,14 @@ class DashboardRobot:
         self.node.diagnostics.clear()  # they tell of before
         return str(answer.message)
 
-    async def release(self) -> str:
-        """Let the node and the pages drive again, unless stop was pressed meanwhile."""
-        stops = self.pilot.stops
-        word = await self.hold(False)
-        if self.pilot.stops != stops:
-            return await self.hold(True)
-        self.pilot.resume()
-        return word
+    async def release(self, stops: int) -> str:
+        """Let the node and the pages drive again, unless stop is pressed more often than that."""
+        if self.pilot.stops == stops:
+            word = await self.hold(False)
+            if self.pilot.stops == stops:
+                self.pilot.resume()
+                return word
+        return await self.hold(True)
 
     async def reset(self) -> str:
         """Set odometry to zero; return the node's word."""

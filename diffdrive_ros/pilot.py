@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import math
 
 LONGEST_SILENCE = 0.3  # [s] between two beats of a robot in motion; below the usual timeouts
-OLDEST_SIGHT = 0.4  # [s] since the picture that a driver saw
+OLDEST_SIGHT = 0.4  # [s] since the picture that a person saw
 
 Twist = tuple[float, float]
 """Forward speed [m/s] and turn rate [rad/s]."""
@@ -87,7 +87,7 @@ class Pilot:
         if beat.twist == STOP:  # a rest is one, however old the picture is
             seat.is_armed, seat.is_held = True, False
             return self._halt() if page == self.driver else None
-        if not 0.0 <= now - beat.sight <= OLDEST_SIGHT:
+        if not _is_fresh(beat.sight, now):
             return self._trip(page, 'the connection is slow')
         if self.is_stopped or not seat.is_armed or self.driver not in (None, page):
             return self._pass_over(page)
@@ -95,6 +95,14 @@ class Pilot:
         seat.complaint = ''
         self._moving_since = now
         return beat.twist
+
+    def sees(self, sight: float, stops: int, now: float) -> bool:
+        """
+        Return whether a page shows how things stand, so that a click on it means what it does.
+
+        sight is when its newest picture was sent, stops how often stop had been pressed then.
+        """
+        return stops == self.stops and _is_fresh(sight, now)
 
     def distrust(self, page: str) -> Twist | None:
         """Take note of a beat of a page that cannot be understood."""
@@ -158,3 +166,7 @@ class Pilot:
             return None
         self._moving_since = None
         return STOP
+
+
+def _is_fresh(sight: float, now: float) -> bool:
+    return 0.0 <= now - sight <= OLDEST_SIGHT

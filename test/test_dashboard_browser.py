@@ -265,6 +265,12 @@ def press_stop(hands: Hands) -> None:
     hands.page.get_by_role('button', name='STOP the robot').click()
 
 
+def release(hands: Hands) -> None:
+    """Let the robot be driven again, once that is to be seen."""
+    hands.page.get_by_role('button', name='Release the stop').click()
+    hands.wait_for('drive')
+
+
 def press_escape(hands: Hands) -> None:
     """Press the key that is the large button."""
     hands.page.keyboard.press('Escape')
@@ -358,6 +364,36 @@ def test_packets_that_are_held_up_stop_the_robot_and_are_not_driven_later(
     finally:
         for context in [hands.page.context]:
             context.close()
+        link.close()
+
+
+def test_clicks_that_were_held_up_change_nothing(
+        shared: SimpleNamespace, visit: Callable[..., Hands], hands: Hands,
+        robot: Robot) -> None:
+    """Least of all a stop that was pressed since."""
+    link = Link(shared.dashboard.port)
+    try:
+        other = visit(link.url)
+        press_stop(other)
+        hands.wait_for('STOPPED')
+        other.wait_for('STOPPED')
+        pose = robot.pose
+        link.cut()
+        other.page.get_by_role('button', name='Release the stop').click()
+        other.page.get_by_label('x [m]').fill('9')
+        other.page.get_by_role('button', name='Set pose').click()
+        release(hands)
+        hands.wait_for('Nobody drives')
+        press_stop(hands)
+        hands.wait_for('STOPPED')
+        link.mend()
+        other.page.get_by_text('That came late').first.wait_for()
+        hands.page.wait_for_timeout(500)
+        hands.wait_for('STOPPED')
+        assert robot.pose == pose
+        release(hands)
+    finally:
+        other.page.context.close()
         link.close()
 
 

@@ -249,7 +249,7 @@ def test_a_stop_that_is_released_is_released(robot: DashboardRobot) -> None:
     """At the node, and for the pages."""
     robot.pilot.stop()
     asked = answering(robot, lambda: None)
-    asyncio.run(robot.release())
+    asyncio.run(robot.release(1))
     assert (asked, robot.pilot.is_stopped) == (['enable True'], False)
 
 
@@ -257,8 +257,17 @@ def test_a_stop_pressed_while_one_is_released_holds(robot: DashboardRobot) -> No
     """And the node is held again."""
     robot.pilot.stop()
     asked = answering(robot, robot.pilot.stop)
-    asyncio.run(robot.release())
+    asyncio.run(robot.release(1))
     assert (asked, robot.pilot.is_stopped) == (['enable True', 'enable False'], True)
+
+
+def test_a_release_of_a_stop_does_not_undo_the_next_one(robot: DashboardRobot) -> None:
+    """The node is not let go even for a moment."""
+    robot.pilot.stop()
+    robot.pilot.stop()
+    asked = answering(robot, lambda: None)
+    asyncio.run(robot.release(1))
+    assert (asked, robot.pilot.is_stopped) == (['enable False'], True)
 
 
 def test_a_parameter_that_was_set_is_no_refusal_if_the_node_falls_silent_then(

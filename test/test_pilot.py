@@ -210,6 +210,14 @@ def test_a_robot_that_may_not_be_driven_stops_once_and_everybody_has_to_come_to_
     hands.drive('b')
 
 
+@pytest.mark.parametrize(('seen', 'stops', 'is_so'), [
+    (0.0, 1, True), (OLDEST_SIGHT - 0.001, 1, True), (OLDEST_SIGHT + 0.001, 1, False),
+    (-1.0, 1, False), (float('nan'), 1, False), (0.0, 0, False)])
+def test_a_click_counts_if_its_page_showed_how_things_stand(hands, seen, stops, is_so):
+    hands.pilot.stop()
+    assert hands.pilot.sees(hands.now - seen, stops, hands.now) is is_so
+
+
 EVENTS = st.lists(st.tuples(
     st.sampled_from([
         'beat', 'beat', 'beat', 'rest', 'take', 'leave', 'stop', 'resume', 'disarm']),
