@@ -1,6 +1,6 @@
 // What has to happen in the browser: the heartbeat of whoever drives, and the map one can touch.
 // kind 'pad' is the joystick, keys and heartbeat; 'hold' a button that drives while it is held;
-// 'limit' a slider; 'map' the picture. All of a page share one hand, and one glance: what the newest picture told that was drawn.
+// 'stop' the one that stops; 'limit' a slider; 'map' the picture. All of a page share one hand, and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
 const ASLEEP = 250; // [ms] between beats: this page was held up, and its hands may have let go
@@ -19,6 +19,12 @@ function letGo() {
   hand.stick = null;
   hand.wheels = false;
   hand.release.forEach((each) => each());
+}
+
+function halt(view) {
+  letGo();
+  hand.lost = false;
+  view.$emit('halt');
 }
 
 const isWatched = () => document.visibilityState === 'visible' && document.hasFocus();
@@ -65,11 +71,7 @@ const pad = {
     hand.lost = false;
   },
   down(event) {
-    if (event.key === 'Escape') {
-      letGo();
-      hand.lost = false;
-      return this.$emit('halt');
-    }
+    if (event.key === 'Escape') return halt(this);
     // macOS tells no release of a key while this one is down.
     if (event.key === 'Meta') return this.rest();
     const key = KEYS[event.code];
@@ -131,6 +133,19 @@ const hold = {
     if (!hand.wheels) return;
     hand.wheels = false;
     hand.beat?.();
+  },
+};
+
+// A second finger makes no click, and a key or a screen reader no press: each of them stops, once.
+const stop = {
+  press(event) {
+    if (event.button) return;
+    this.isPressed = true;
+    halt(this);
+  },
+  click(event) {
+    if (event.detail === 0 || !this.isPressed) halt(this);
+    this.isPressed = false;
   },
 };
 
@@ -393,13 +408,15 @@ export default {
       @pointerdown="press" @pointerup="lift" @pointercancel="lift" @lostpointercapture="lift"
       @keydown.space="press" @keydown.enter="press" @keyup.space.prevent="lift"
       @keyup.enter="lift" @blur="lift">{{ label }}</button>
+    <button v-else-if="kind === 'stop'" type="button" class="stop" :aria-label="label"
+      @pointerdown="press" @click="click">STOP</button>
     <input v-else-if="kind === 'limit'" type="range" class="limit" :aria-label="label"
       :min="range[0]" :max="range[1]" :step="range[2]"
       @input="$emit('limit', { value: Number($event.target.value) })">
     <canvas v-else ref="canvas" class="map" role="img" :aria-label="label" @pointerdown="grab"
       @pointermove="move" @pointerup="drop" @pointercancel="drop" @wheel.prevent="wheel"></canvas>`,
   created() {
-    const behaviour = { pad, hold, limit, map: chart }[this.kind];
+    const behaviour = { pad, hold, stop, limit, map: chart }[this.kind];
     for (const [name, act] of Object.entries(behaviour)) this[name] = act.bind(this);
   },
   mounted() {

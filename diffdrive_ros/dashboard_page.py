@@ -97,8 +97,7 @@ class Page:
                 'role=status aria-live=polite').classes('grow basis-0')
             ui.button('Light or dark', on_click=self._turn_light).props(
                 'flat dense color=white no-caps').classes('max-sm:hidden')
-            ui.button('STOP', on_click=self.halt).props(
-                'color=red-10 no-caps aria-label="STOP the robot"').classes('stop')
+            View('stop', 'STOP the robot').hear('halt', lambda arguments: self.halt())
         with ui.element('div').classes('layout'):
             with ui.element('section').classes('panel at-map').props('aria-label="Map"'):
                 self._build_map()

@@ -10,7 +10,7 @@ Handler = Callable[[Mapping[str, Any]], None]
 
 
 class View(ui.element, component='dashboard.js'):
-    """One element of dashboard.js, by its kind: pad, hold, limit or map."""
+    """One element of dashboard.js, by its kind: pad, hold, stop, limit or map."""
 
     def __init__(self, kind: str, label: str) -> None:
         super().__init__()

@@ -177,14 +177,31 @@ def test_a_square_by_keyboard(hands: Hands, robot: Robot) -> None:
     assert abs(math.remainder(robot.pose[2] - start[2], 2.0 * math.pi)) < 0.5
 
 
+def fingers_on(hands: Hands) -> Callable[..., None]:
+    """Return a function that tells the page where how many fingers are."""
+    session = hands.page.context.new_cdp_session(hands.page)
+
+    def touch(kind: str, *places: tuple[float, float]) -> None:
+        session.send('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': [
+            {'x': right, 'y': down, 'id': number}
+            for number, (right, down) in enumerate(places)]})
+
+    return touch
+
+
+def middle_of(place: object) -> tuple[float, float]:
+    """Return where on the page something is."""
+    box = place.bounding_box()
+    return box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
+
+
 @pytest.mark.parametrize('device', ['mouse', 'touch'])
 def test_the_joystick_drives_while_it_is_held(
         shared: SimpleNamespace, visit: Callable[..., Hands], robot: Robot, device: str) -> None:
     """Ahead and to the right is forward and clockwise."""
     hands = visit(shared.dashboard.url, has_touch=True)
     hands.wait_for('Nobody drives')
-    box = hands.page.locator('.stick').bounding_box()
-    x, y = box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
+    x, y = middle_of(hands.page.locator('.stick'))
     count = len(robot.commands)
     if device == 'mouse':
         hands.page.mouse.move(x, y)
@@ -193,12 +210,7 @@ def test_the_joystick_drives_while_it_is_held(
         wait_until(robot.turns)
         hands.page.mouse.up()
     else:
-        session = hands.page.context.new_cdp_session(hands.page)
-
-        def touch(kind: str, *places: tuple[float, float]) -> None:
-            session.send('Input.dispatchTouchEvent', {
-                'type': kind, 'touchPoints': [{'x': right, 'y': down} for right, down in places]})
-
+        touch = fingers_on(hands)
         touch('touchStart', (x, y))
         touch('touchMove', (x + 40, y - 40))
         wait_until(robot.turns)
@@ -293,6 +305,38 @@ def test_the_robot_stops_when_it_is_let_go(
         hands.wait_for('You drive')
         assert not robot.turns()
         drive_off(hands, robot)
+
+
+def test_a_second_finger_stops_while_the_first_holds_the_joystick(
+        shared: SimpleNamespace, visit: Callable[..., Hands], robot: Robot) -> None:
+    """Browsers make no click of its touch."""
+    hands = visit(shared.dashboard.url, has_touch=True)
+    hands.wait_for('Nobody drives')
+    touch = fingers_on(hands)
+    x, y = middle_of(hands.page.locator('.stick'))
+    touch('touchStart', (x, y))
+    touch('touchMove', (x, y - 50))
+    wait_until(robot.turns)
+    moment = time.monotonic()
+    touch('touchStart', (x, y - 50), middle_of(hands.page.locator('.stop')))
+    assert robot.stopped_after(moment) < TIMEOUT
+    hands.wait_for('STOPPED')
+    touch('touchEnd')
+    release(hands)
+
+
+def test_a_click_on_stop_is_one_stop(hands: Hands) -> None:
+    """Though it is a press of the pointer too; a click without one, and a key, are one each."""
+    stop = hands.page.get_by_role('button', name='STOP the robot')
+    shown = hands.page.evaluate('window.glance.stops')
+    for number, press in enumerate((
+            stop.click, lambda: stop.press('Enter'), lambda: stop.dispatch_event('click')), 1):
+        press()
+        hands.page.wait_for_function(
+            'stops => window.glance.stops >= stops', arg=shown + number)
+        hands.page.wait_for_timeout(200)
+        assert hands.page.evaluate('window.glance.stops') == shown + number
+    release(hands)
 
 
 def test_escape_is_stop_while_a_list_is_open(hands: Hands, robot: Robot) -> None:
