@@ -17,6 +17,8 @@ from nicegui.events import GenericEventArguments
 MOST_UNSEEN = 6  # pictures on their way to a page; one that draws nothing gets no more
 SLOWLY = 1.0  # [s] between pictures for such a page
 
+DIAGNOSTICS = 'Diagnostics'
+
 STYLE = Path(__file__).with_name('dashboard.css')
 
 
@@ -78,7 +80,8 @@ class Page:
             f'applied  {_said(robot.applied)}{hint}\n'
             f'measured {_said(robot.twist)}')
         self._kinematics.refresh()
-        self._diagnostics.refresh()
+        if self._tabs.value == DIAGNOSTICS:
+            self._diagnostics.refresh()
         self._parameters.refresh()
 
     def close(self) -> None:
@@ -143,11 +146,11 @@ class Page:
         self._speeds = ui.label().classes('numbers pt-1')
 
     def _build_panels(self) -> None:
-        with ui.tabs().props('dense no-caps align=justify').classes('w-full') as tabs:
+        with ui.tabs().props('dense no-caps align=justify').classes('w-full') as self._tabs:
             kinematics = ui.tab('Kinematics')
             parameters = ui.tab('Parameters')
-            diagnostics = ui.tab('Diagnostics')
-        with ui.tab_panels(tabs, value=kinematics).classes('w-full bg-transparent'):
+            diagnostics = ui.tab(DIAGNOSTICS)
+        with ui.tab_panels(self._tabs, value=kinematics).classes('w-full bg-transparent'):
             with ui.tab_panel(kinematics).classes('p-1'):
                 self._kinematics = KinematicsPanel(self, self._robot)
             with ui.tab_panel(parameters).classes('p-1'):

@@ -12,6 +12,7 @@ from nicegui import ui
 from rcl_interfaces.msg import ParameterType
 
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+STATUS_PERIOD = 1.0  # [s] between two looks at what comes once a second
 
 
 class Hands(Protocol):
@@ -180,36 +181,53 @@ class ParametersPanel:
 
 
 class DiagnosticsPanel:
-    """What the nodes say of themselves."""
+    """
+    What the nodes say of themselves: of a large robot, hundreds of statuses a second.
+
+    So it is renewed only while it is looked at, as often as statuses come, and where they changed.
+    """
 
     def __init__(self, robot: DashboardRobot) -> None:
         self._robot = robot
-        self._shown = ''
+        self._renewed_at = -math.inf
+        self._nothing = ui.label('Nothing on /diagnostics yet')
         self._list = ui.column().classes('w-full gap-2')
+        self._rows: dict[str, StatusRow] = {}
 
     def refresh(self) -> None:
         """Renew what has changed."""
         now = clock.now()
-        lines = []
-        for name, (heard_at, status) in sorted(self._robot.node.diagnostics.items()):
-            is_old = now - heard_at > DIAGNOSTICS_SILENT
-            level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
-            lines.append((level, name, status.message, tuple(
-                (each.key, each.value) for each in status.values)))
-        if repr(lines) == self._shown:
+        if now - self._renewed_at < STATUS_PERIOD:
             return
-        self._shown = repr(lines)
-        self._list.clear()
-        with self._list:
-            if not lines:
-                ui.label('Nothing on /diagnostics yet')
-            for level, name, message, values in lines:
-                self._build_one(level, name, message, values)
+        self._renewed_at = now
+        told = dict(self._robot.node.diagnostics)
+        self._nothing.set_visibility(not told)
+        for name in self._rows.keys() - told.keys():
+            self._rows.pop(name).remove()
+        for place, name in enumerate(sorted(told)):
+            if name not in self._rows:
+                with self._list:
+                    self._rows[name] = StatusRow(place)
+            heard_at, status = told[name]
+            self._rows[name].tell(status, now - heard_at > DIAGNOSTICS_SILENT)
 
-    def _build_one(
-        self, level: str, name: str, message: str, values: Sequence[tuple[str, str]],
-    ) -> None:
-        with ui.column().classes('w-full gap-0'):
-            ui.label(f'{level}  {name}: {message}').classes('font-bold')
-            ui.label('   '.join(f'{key} {value}' for key, value in values)).classes(
-                'text-sm quiet')
+
+class StatusRow:
+    """One status, at a place among the others."""
+
+    def __init__(self, place: int) -> None:
+        self._column = ui.column().classes('w-full gap-0')
+        with self._column:
+            self._title = ui.label().classes('font-bold')
+            self._figures = ui.label().classes('text-sm quiet')
+        self._column.move(target_index=place)
+
+    def tell(self, status: Any, is_old: bool) -> None:
+        """Show a status; what has not changed is not sent to the page."""
+        level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
+        self._title.set_text(f'{level}  {status.name}: {status.message}')
+        self._figures.set_text('   '.join(f'{each.key} {each.value}' for each in status.values))
+
+    def remove(self) -> None:
+        """Take it off the page."""
+        self._column.delete()

@@ -5,8 +5,11 @@ import os
 from pathlib import Path
 import signal
 import socket
+from types import SimpleNamespace
 
 from browser import Dashboard
+from diagnostic_msgs.msg import DiagnosticStatus
+from diffdrive_ros import clock
 from diffdrive_ros.remote_parameters import parse
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -75,6 +78,45 @@ def test_its_robot_ends_with_it_also_if_it_is_killed(
     started = children(dashboard.number).values()
     dashboard.signal(signal.SIGKILL)
     wait_until(lambda: not any(map(is_running, started)))
+
+
+def test_the_statuses_of_all_nodes_are_listed_by_name_and_renewed_once_a_second(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is told no more goes; where none has changed, nothing is sent to the page."""
+    from diffdrive_ros.dashboard_panels import DiagnosticsPanel
+    from nicegui import Client, ui
+
+    statuses, now = {}, 100.0
+    monkeypatch.setattr(clock, 'now', lambda: now)
+
+    def tell(name: str, message: str) -> None:
+        statuses[name] = now, DiagnosticStatus(name=name, message=message, level=b'\x01')
+
+    def titles() -> list[str]:
+        rows = panel._list.default_slot.children
+        return [row.default_slot.children[0].text for row in rows]
+
+    with Client(ui.page('/')) as client:
+        panel = DiagnosticsPanel(SimpleNamespace(node=SimpleNamespace(diagnostics=statuses)))
+        tell('b', 'well')
+        panel.refresh()
+        tell('b', 'ill')
+        tell('a', 'well')
+        panel.refresh()
+        assert titles() == ['WARN  b: well']
+        now += 1.0
+        panel.refresh()
+        assert titles() == ['WARN  a: well', 'WARN  b: ill']
+        sent = []
+        monkeypatch.setattr(client.outbox, 'enqueue_update', sent.append)
+        now += 1.0
+        panel.refresh()
+        assert sent == []
+        del statuses['a']
+        now += 5.0
+        panel.refresh()
+        assert titles() == ['SILENT  b: ill']
+        client.delete()
 
 
 def is_running(number: int) -> bool:
