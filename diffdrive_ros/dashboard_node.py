@@ -109,6 +109,8 @@ class DashboardNode(Node):
         self.joints = HeardJoints(self, 'joint_states')
         self.applied = Heard(self, TwistStamped, f'{odometry}/cmd_vel_out')
         self.diagnostics: dict[str, tuple[float, Any]] = {}
+        self.commands_status = f'{self.watched}: commands'
+        self._told_of_commands: deque[Any] = deque(maxlen=100)
         self.parameters_changed_at = 0.0
         self.commands: Heard | None = None
         self.is_stamped = False
@@ -203,6 +205,10 @@ class DashboardNode(Node):
             found.remove(self.get_fully_qualified_name())
         return found
 
+    def told_of_commands(self) -> list[Any]:
+        """Return the statuses of the watched node's commands since this was asked last."""
+        return [self._told_of_commands.popleft() for _ in range(len(self._told_of_commands))]
+
     def newcomers_on_odom(self) -> bool:
         """Return whether somebody publishes odom who did not when this was asked last."""
         known, self._odom_publishers = self._odom_publishers, {
@@ -220,6 +226,8 @@ class DashboardNode(Node):
         now = clock.now()
         for status in message.status:
             self.diagnostics[status.name] = now, status
+            if status.name == self.commands_status:
+                self._told_of_commands.append(status)
 
     def _on_parameters(self, message: Any) -> None:
         if message.node == self.watched:

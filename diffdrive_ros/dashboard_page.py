@@ -173,7 +173,7 @@ class Page:
         self._robot.publish(self._robot.pilot.beat(
             self.identity, Beat(
                 number, sight, twist, bool(said.get('lost')),
-                self.may_drive and not self._robot.is_disabled), clock.now()))
+                self.may_drive and not self._robot.hold), clock.now()))
 
     def _asked(self, said: Mapping[str, Any]) -> Twist:
         fastest = self._linear.value, self._angular.value
@@ -240,7 +240,7 @@ class Page:
     def halt(self) -> None:
         """Stop the robot, whoever drives it, and have the node hold it."""
         self._robot.publish(self._robot.pilot.stop())
-        ui.timer(0.0, lambda: self.attempt(self._robot.hold(True)), once=True)
+        ui.timer(0.0, lambda: self.attempt(self._robot.enable(False)), once=True)
 
     async def attempt(self, work: Awaitable[str]) -> bool:
         """Wait for a service; say what it answers, or that it does not."""
@@ -301,6 +301,8 @@ class Page:
             return 'Looking for the robot: nothing on odom yet'
         if is_held:
             return 'STOPPED: the wheels are held until the stop is released'
+        if robot.hold:
+            return f'The node holds the wheels: {robot.hold}'
         if reason := robot.reason_not_to_drive:
             return f'The page only shows this robot: {reason}'
         if not self._may_touch:

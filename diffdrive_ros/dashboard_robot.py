@@ -13,7 +13,8 @@ from std_srvs.srv import SetBool, Trigger
 RECENT = 1.0  # [s] that a message stands for the robot as it is
 DIAGNOSTICS_SILENT = 3.0  # [s] after which a status, which comes once a second, is an old one
 LONGEST_TIMEOUT = 2.0  # [s] that a robot may drive on when this computer fails
-DISABLED = 'disabled by ~/enable'  # as /diagnostics has it
+DISABLED = 'disabled by ~/enable'
+HOLDS = DISABLED, 'no usable joint_states', '/clock stands still'  # as /diagnostics has them
 
 Pose = tuple[float, float, float]
 
@@ -37,6 +38,8 @@ class DashboardRobot:
         self._is_known = False
         self._forgotten = 0
         self._learned_at = 0.0
+        self._enabled_at = 0.0
+        self._refused: str | None = None
         self._frame = 'odom'
         self._joints: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
         self._directions = (1.0, 1.0)
@@ -56,8 +59,8 @@ class DashboardRobot:
         if has_newcomers:
             self.odom = None
         # Before anything is opened: whatever is wrong with a message, the stop is not missed.
-        if reason := self.reason_not_to_drive or (
-                'the node is disabled' if self.is_disabled else ''):
+        has_held = self._has_held()
+        if reason := self.reason_not_to_drive or has_held:
             self.publish(self.pilot.disarm(reason))
         if not self.is_silent:
             message = odom.message
@@ -107,13 +110,17 @@ class DashboardRobot:
         return twist.linear.x, twist.angular.z
 
     @property
+    def hold(self) -> str:
+        """Return why the node holds the wheels, if it does by its last word."""
+        heard_at, status = self.node.diagnostics.get(
+            self.node.commands_status, (-math.inf, None))
+        is_old = heard_at < self._enabled_at or clock.now() - heard_at > DIAGNOSTICS_SILENT
+        return '' if is_old else hold_in(status)
+
+    @property
     def is_disabled(self) -> bool:
         """Return whether the node holds the wheels because somebody asked it to."""
-        now = clock.now()
-        return any(
-            DISABLED in status.message and now - heard_at < DIAGNOSTICS_SILENT
-            for name, (heard_at, status) in list(self.node.diagnostics.items())
-            if name.startswith(f'{self.node.watched}: '))
+        return DISABLED in self.hold
 
     @property
     def reason_not_to_drive(self) -> str:
@@ -170,20 +177,21 @@ class DashboardRobot:
             self._forget()
         return reason
 
-    async def hold(self, is_held: bool) -> str:
-        """Have the node hold the wheels at zero, or no longer; return its word."""
-        answer = await self.node.ask('enable', SetBool.Request(data=not is_held))
-        self.node.diagnostics.clear()  # they tell of before
+    async def enable(self, is_enabled: bool) -> str:
+        """Have the node drive the wheels, or hold them at zero; return its word."""
+        asked_at = clock.now()
+        answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
+        self._enabled_at = asked_at  # what was told before tells of before
         return str(answer.message)
 
     async def release(self, stops: int) -> str:
         """Let the node and the pages drive again, unless stop is pressed more often than that."""
         if self.pilot.stops == stops:
-            word = await self.hold(False)
+            word = await self.enable(True)
             if self.pilot.stops == stops:
                 self.pilot.resume()
                 return word
-        return await self.hold(True)
+        return await self.enable(False)
 
     async def reset(self) -> str:
         """Set odometry to zero; return the node's word."""
@@ -201,6 +209,17 @@ class DashboardRobot:
         self._is_known = False
         self._forgotten += 1
 
+    def _has_held(self) -> str:
+        """Return why the node holds the wheels, or held them since the last look, if so."""
+        reason = self.hold
+        for status in self.node.told_of_commands():  # none is missed, however short it was
+            refused = next((each.value for each in status.values if each.key == 'held'), '0')
+            if self._refused not in (None, refused):
+                reason = reason or 'the node refused a command'
+            self._refused = refused
+            reason = reason or hold_in(status)
+        return reason
+
     def _wheel_speeds(self) -> tuple[float, float] | None:
         """Return the mean speed of each side, forward positive [rad/s]; by odom if need be."""
         told = self.node.joints.speeds(RECENT)
@@ -214,6 +233,11 @@ class DashboardRobot:
             return None
         left, right = map(float, self.drive.wheel_speeds(*self.twist))
         return left, right
+
+
+def hold_in(status: Any) -> str:
+    """Return why the wheels are held by a status of the commands of the node, if they are."""
+    return ', '.join(hold for hold in HOLDS if hold in status.message)
 
 
 def pose_of(message: Any) -> Pose | None:

@@ -3,6 +3,7 @@ import asyncio
 from collections.abc import Callable
 from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diffdrive_ros import clock
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
 from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED
@@ -296,6 +297,44 @@ def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRo
     assert not robot.is_disabled
     robot.node.diagnostics['/odometry: commands'] = status
     assert robot.is_disabled
+
+
+def test_a_hold_by_the_node_has_every_key_released_first_however_short_it_was(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """It began and ended between two looks."""
+    make()
+    robot = hear_odom()
+    learn(robot)
+    drive(hear_odom())
+
+    async def hold_for_a_moment() -> None:
+        await robot.enable(False)
+        await robot.enable(True)
+
+    asyncio.run(hold_for_a_moment())
+    wait_until(lambda: robot.look() or not robot.pilot.is_moving)
+    assert DISABLED in robot.pilot.complaint('a')
+
+
+@pytest.mark.parametrize(('statuses', 'stops'), [
+    ([('20 Hz', 7), ('20 Hz', 7)], False),
+    ([('20 Hz', 7), ('20 Hz', 8)], True),
+    ([('20 Hz', 7), ('stopped: no command for 0.5 s', 7)], False),
+    ([('20 Hz', 7), ('stopped: no usable joint_states', 7), ('20 Hz', 7)], True),
+    ([('stopped: /clock stands still', None)], True)])
+def test_a_hold_is_told_by_its_reason_or_by_a_command_that_was_refused(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot],
+        statuses: list[tuple[str, int | None]], stops: bool) -> None:
+    """As the node counts them; how many it had refused before is no news."""
+    make()
+    learn(hear_odom())
+    robot = hear_odom()
+    drive(robot)
+    robot.node.told_of_commands = lambda: [DiagnosticStatus(
+        message=message, values=[] if held is None else [KeyValue(key='held', value=str(held))])
+        for message, held in statuses]
+    robot.look()
+    assert robot.pilot.is_moving is not stops
 
 
 @pytest.mark.parametrize(('name', 'namespace', 'topic'), [
