@@ -36,7 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         'other machines in, with the token that is printed')
     parser.add_argument('--port', type=int, default=8080, help='default: 8080')
     parser.add_argument(
-        '--odometry', default='odometry', help='node that is shown, default: odometry')
+        '--odometry', default='odometry',
+        help='node that is shown, in the namespace of the dashboard; default: odometry')
     parser.add_argument(
         '--simulate', action='store_true', help='start simulator and odometry too')
     options = parser.parse_args(remove_ros_args(['dashboard', *arguments])[1:])
@@ -79,6 +80,7 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = DashboardNode(options.odometry)
+        check_namespace(node.watched, node.get_namespace())
         if options.simulate and (topics := used_topics(node)):
             raise DashboardError(
                 f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
@@ -90,6 +92,15 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
             serve(node, options.host, options.port, token, robot)
     finally:
         rclpy.try_shutdown()
+
+
+def check_namespace(watched: str, namespace: str) -> None:
+    """Raise DashboardError if the odometry that is watched is not that of the cmd_vel here."""
+    home = watched.rpartition('/')[0] or '/'
+    if home != namespace:
+        raise DashboardError(
+            f'{watched} is not in the namespace {namespace}, whose cmd_vel would be driven; use '
+            f'--odometry {watched.rpartition("/")[2]} --ros-args -r __ns:={home}')
 
 
 def check_address(host: str, port: int) -> None:

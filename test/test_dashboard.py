@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from browser import Dashboard
 from diagnostic_msgs.msg import DiagnosticStatus
 from diffdrive_ros import clock
+from diffdrive_ros.dashboard import check_namespace
 from diffdrive_ros.remote_parameters import parse
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -46,6 +47,23 @@ def test_an_argument_that_is_none_of_its_own_is_refused(
         start_page: Callable[..., Dashboard]) -> None:
     """As of every executable here."""
     assert start_page('--fly').wait() == 2
+
+
+def test_an_odometry_of_another_namespace_is_refused_in_one_line(
+        start_page: Callable[..., Dashboard]) -> None:
+    """The one would be watched, and the robot of the other driven."""
+    dashboard = start_page('--odometry', 'robot2/odometry')
+    assert dashboard.wait() == 1
+    assert dashboard.output == (
+        'dashboard: /robot2/odometry is not in the namespace /, whose cmd_vel would be driven; '
+        'use --odometry odometry --ros-args -r __ns:=/robot2\n')
+
+
+@pytest.mark.parametrize(('watched', 'namespace'), [
+    ('/odometry', '/'), ('/robot2/odometry', '/robot2'), ('/a/b/odometry', '/a/b')])
+def test_an_odometry_of_the_same_namespace_is_watched(watched: str, namespace: str) -> None:
+    """However it was named."""
+    check_namespace(watched, namespace)
 
 
 def test_it_brings_no_second_robot_to_topics_that_are_used(
