@@ -193,14 +193,15 @@ class DashboardNode(Node):
             raise NoAnswerError(f'{client.srv_name} does not answer') from None
 
     def is_simulated(self) -> bool:
-        """Return whether nothing but a simulator would move: what listens is it, and odometry."""
+        """Return whether a command moves nothing but a simulator, by way of the watched node."""
         simulator = f'{self.get_namespace().rstrip("/")}/{SIMULATOR}'
-        return (self._listeners('wheel_commands') == [simulator]
-                and self._listeners('cmd_vel') == [self.watched])
+        return (self._listeners('cmd_vel') == [self.watched]
+                and self._senders('wheel_commands') == [self.watched]
+                and self._listeners('wheel_commands') == [simulator])
 
     def other_commanders(self) -> Sequence[str]:
         """Return who else publishes on cmd_vel: a second one of this name is another."""
-        found = sorted(map(full_name, self.get_publishers_info_by_topic('cmd_vel')))
+        found = self._senders('cmd_vel')
         if self._commander and self.get_fully_qualified_name() in found:
             found.remove(self.get_fully_qualified_name())
         return found
@@ -214,6 +215,9 @@ class DashboardNode(Node):
         known, self._odom_publishers = self._odom_publishers, {
             bytes(end.endpoint_gid) for end in self.get_publishers_info_by_topic('odom')}
         return not self._odom_publishers <= known
+
+    def _senders(self, topic: str) -> list[str]:
+        return sorted(map(full_name, self.get_publishers_info_by_topic(topic)))
 
     def _listeners(self, topic: str) -> list[str]:
         """Return the full names of those who listen, but for those who only look."""

@@ -355,3 +355,22 @@ def test_a_robot_is_simulated_where_one_odometry_and_one_simulator_listen_alone(
     wait_until(lambda: not node.is_simulated())
     other.destroy_node()
     simulator.destroy_node()
+
+
+@pytest.mark.parametrize(('interface', 'others'), [
+    ('per_wheel', []), ('none', ['/odometry2']), ('joint_state', ['/odometry2'])])
+def test_a_robot_is_real_where_another_than_the_watched_node_may_command_the_wheels(
+        station: Station, make: Callable[..., OdometryNode], node: DashboardNode,
+        interface: str, others: list[str]) -> None:
+    """Or where its own commands go elsewhere, as to motors by a topic for each wheel."""
+    odometry = make(command_interface=interface)
+    simulator = station.add(Node('simulator', context=station.context))
+    simulator.create_subscription(JointState, 'wheel_commands', print, 1)
+    for name in others:
+        other = station.add(Node(name.strip('/'), context=station.context))
+        other.create_publisher(JointState, 'wheel_commands', 1)
+    names = [odometry.get_fully_qualified_name()] if interface == 'joint_state' else []
+    wait_until(lambda: node._listeners('wheel_commands') == ['/simulator']
+               and node._listeners('cmd_vel') == ['/odometry']
+               and node._senders('wheel_commands') == names + others)
+    assert not node.is_simulated()
