@@ -3,6 +3,7 @@
 // 'stop' the one that stops; 'limit' a slider; 'map' the picture. All of a page share one hand, and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
+const SILENT = 1500; // [ms] without a picture: one that draws nothing gets one a second
 const ASLEEP = 250; // [ms] between beats: this page was held up, and its hands may have let go
 const KEYS = {
   KeyW: 'forward', ArrowUp: 'forward', KeyS: 'backward', ArrowDown: 'backward',
@@ -12,6 +13,7 @@ const KEYS = {
 const hand = { keys: new Set(), stick: null, wheels: false, lost: false, release: [] };
 // When the server sent it, on its clock, and how often STOP was pressed then. Clicks carry it too.
 window.glance = { sight: 0, stops: 0 };
+let heardAt = performance.now(); // when the newest picture came
 
 function letGo() {
   hand.lost ||= hand.keys.size > 0 || hand.stick !== null || hand.wheels;
@@ -61,10 +63,11 @@ const pad = {
     const now = performance.now();
     if (now - this.beatAt > ASLEEP || !isWatched()) letGo();
     this.beatAt = now;
-    // What cannot go out now must not wait in a buffer until it can.
-    const isConnected = Boolean(window.socket?.connected && window.did_handshake);
-    document.body.classList.toggle('lost', !isConnected);
-    if (!isConnected) return letGo();
+    // What cannot go out now must not wait in a buffer until it can; a dead link tells only by silence.
+    const isLost = !window.socket?.connected || !window.did_handshake
+      || (document.visibilityState === 'visible' && now - heardAt > SILENT);
+    document.body.classList.toggle('lost', isLost);
+    if (isLost) return letGo();
     this.$emit('beat', {
       number: this.number++, sight: window.glance.sight, keys: [...hand.keys], stick: hand.stick,
       wheels: hand.wheels, lost: hand.lost, visible: document.visibilityState === 'visible' });
@@ -171,6 +174,7 @@ const chart = {
     this.resizer.disconnect();
   },
   show(frame) {
+    heardAt = performance.now();
     for (const [name, news] of Object.entries(frame.tracks)) {
       const kept = news.from ? this.tracks[name].slice(0, news.from) : [];
       this.tracks[name] = kept.concat(news.points);

@@ -401,8 +401,10 @@ def test_packets_that_are_held_up_stop_the_robot_and_are_not_driven_later(
         moment = time.monotonic()
         link.cut()
         assert robot.stopped_after(moment) < TIMEOUT
+        hands.page.wait_for_selector('body.lost', timeout=1500)  # [ms]; it was cut 1 s ago
         count = len(robot.commands)
         link.mend()
+        hands.page.wait_for_selector('body:not(.lost)')
         hands.page.wait_for_timeout(1500)
         assert not any(twist.linear.x for twist in robot.twists_since(count))
     finally:
