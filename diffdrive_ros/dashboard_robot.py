@@ -12,6 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 RECENT = 1.0  # [s] that a message stands for the robot as it is
 DIAGNOSTICS_SILENT = 3.0  # [s] after which a status, which comes once a second, is an old one
+SLOWEST_ODOM = 2.0  # [Hz] to drive by, and not to be taken for silent between two
 LONGEST_TIMEOUT = 2.0  # [s] that a robot may drive on when this computer fails
 DISABLED = 'disabled by ~/enable'
 HOLDS = DISABLED, 'no usable joint_states', '/clock stands still'  # as /diagnostics has them
@@ -52,7 +53,7 @@ class DashboardRobot:
     def look(self) -> None:
         """Take in what has been heard."""
         odom, truth = self.node.odom, self.node.truth
-        was_silent, self.is_silent = self.is_silent, odom.age > RECENT
+        was_silent, self.is_silent = self.is_silent, odom.age > self._longest_gap
         has_newcomers = self.node.newcomers_on_odom()
         if has_newcomers or self.is_silent != was_silent:
             self._forget()  # it may be another process, which was started with other parameters
@@ -130,6 +131,8 @@ class DashboardRobot:
             return 'odom is silent'
         if not self._is_known:
             return 'its parameters are not known yet'
+        if self._is_slow:
+            return f'its publish_rate is below {SLOWEST_ODOM:g} Hz, too slow to drive by'
         timeout = float(self.value('cmd_vel_timeout'))
         if not timeout:
             return 'its cmd_vel_timeout is 0, so that nothing would stop it if this computer fails'
@@ -156,7 +159,7 @@ class DashboardRobot:
         self.parameters = learned
         values = {each.name: each.value for each in learned}
         try:
-            float(values['cmd_vel_timeout'])
+            float(values['cmd_vel_timeout']), float(values['publish_rate'])
             self.drive = parameters.drive(values)
             self._joints = parameters.wheel_names(values)
             self._directions = (
@@ -204,6 +207,15 @@ class DashboardRobot:
         """Set odometry to a pose."""
         x, y, theta = pose
         self.node.set_pose(x, y, theta, self._frame)
+
+    @property
+    def _is_slow(self) -> bool:
+        return self._is_known and 0.0 < float(self.value('publish_rate')) < SLOWEST_ODOM
+
+    @property
+    def _longest_gap(self) -> float:
+        """Return how long odom may be away before it is silent [s]."""
+        return RECENT + 1.0 / float(self.value('publish_rate')) if self._is_slow else RECENT
 
     def _forget(self) -> None:
         self._is_known = False

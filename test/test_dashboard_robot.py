@@ -82,6 +82,21 @@ def test_a_robot_that_would_drive_on_for_long_is_not_driven(
     assert words in hear_odom().reason_not_to_drive
 
 
+def test_a_robot_that_tells_its_pose_too_seldom_is_not_driven(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """Nor is it taken for another one each time; after some while it is silent."""
+    make(publish_rate=0.5)
+    learn(hear_odom())
+    robot = hear_odom()
+    message = robot.node.odom.message
+    for age, words, is_forgotten in (
+            (0.0, 'below 2 Hz', False), (2.9, 'below 2 Hz', False), (3.1, 'silent', True)):
+        robot.node.odom = SimpleNamespace(age=age, message=message)
+        robot.look()
+        assert words in robot.reason_not_to_drive
+        assert robot.needs_to_learn is is_forgotten
+
+
 def test_an_odometry_that_started_anew_is_not_driven_before_it_is_known(
         station: Station, make: Callable[..., OdometryNode],
         hear_odom: Callable[[], DashboardRobot]) -> None:
