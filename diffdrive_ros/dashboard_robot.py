@@ -12,6 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 RECENT = 1.0  # [s] that a message stands for the robot as it is
 DIAGNOSTICS_SILENT = 3.0  # [s] after which a status, which comes once a second, is an old one
+PATIENCE = 3.0  # [s] until a node that is no odometry is asked again what it is
 SLOWEST_ODOM = 2.0  # [Hz] to drive by, and not to be taken for silent between two
 LONGEST_TIMEOUT = 2.0  # [s] that a robot may drive on when this computer fails
 DISABLED = 'disabled by ~/enable'
@@ -38,6 +39,7 @@ class DashboardRobot:
         self.ellipse: tuple[float, float, float] | None = None
         self._is_known = False
         self._forgotten = 0
+        self._strange = ''
         self._learned_at = 0.0
         self._enabled_at = 0.0
         self._refused: str | None = None
@@ -130,7 +132,7 @@ class DashboardRobot:
         if self.is_silent and not waits_for_command:
             return 'odom is silent'
         if not self._is_known:
-            return 'its parameters are not known yet'
+            return self._strange or 'its parameters are not known yet'
         if self._is_slow:
             return f'its publish_rate is below {SLOWEST_ODOM:g} Hz, too slow to drive by'
         timeout = float(self.value('cmd_vel_timeout'))
@@ -148,27 +150,29 @@ class DashboardRobot:
     @property
     def needs_to_learn(self) -> bool:
         """Return whether the parameters are not known, or not as they are now."""
-        return not self._is_known or self._learned_at <= self.node.parameters_changed_at
+        if self._learned_at <= self.node.parameters_changed_at:
+            return True
+        if self._strange:
+            return clock.now() - self._learned_at > PATIENCE
+        return not self._is_known
 
     async def learn(self) -> None:
         """Read the parameters of the node, and what follows from them; raises NoAnswerError."""
-        before, forgotten = clock.now(), self._forgotten
-        learned = await remote_parameters.read_all(self.node.ask)
-        if self._forgotten != forgotten:
-            return  # these may be of a process that is no more
-        self.parameters = learned
-        values = {each.name: each.value for each in learned}
+        before, forgotten, strange = clock.now(), self._forgotten, ''
         try:
-            float(values['cmd_vel_timeout']), float(values['publish_rate'])
-            self.drive = parameters.drive(values)
-            self._joints = parameters.wheel_names(values)
-            self._directions = (
-                float(values['left_wheel_direction']), float(values['right_wheel_direction']))
-            self.node.prepare(bool(values['enable_stamped_cmd_vel']))
-        except (KeyError, TypeError, ValueError) as error:
-            self._is_known = False
-            raise NoAnswerError(f'this is another node than odometry: {error}') from None
-        self._is_known, self._learned_at = True, before
+            learned = await remote_parameters.read_all(self.node.ask)
+            if self._forgotten == forgotten:
+                self._take(learned)
+        except KeyError as error:
+            strange = f'it has no parameter {error}'
+        except (TypeError, ValueError) as error:
+            strange = str(error)
+        if self._forgotten != forgotten:
+            return  # that was a process that is no more
+        self._is_known, self._learned_at = not strange, before
+        self._strange = strange and f'{self.node.watched} is another node than odometry: {strange}'
+        if strange:
+            raise NoAnswerError(self._strange)
 
     async def set_parameter(self, name: str, text: str) -> str:
         """Set a parameter to what a person wrote; return why not, or nothing."""
@@ -208,6 +212,18 @@ class DashboardRobot:
         x, y, theta = pose
         self.node.set_pose(x, y, theta, self._frame)
 
+    def _take(self, learned: list[RemoteParameter]) -> None:
+        """Take in the parameters of the node, and what follows from them."""
+        self.parameters = learned
+        values = {each.name: each.value for each in learned}
+        for name in ('cmd_vel_timeout', 'publish_rate'):
+            float(values[name])  # numbers, as the reasons not to drive take for granted
+        self.drive = parameters.drive(values)
+        self._joints = parameters.wheel_names(values)
+        self._directions = (
+            float(values['left_wheel_direction']), float(values['right_wheel_direction']))
+        self.node.prepare(bool(values['enable_stamped_cmd_vel']))
+
     @property
     def _is_slow(self) -> bool:
         return self._is_known and 0.0 < float(self.value('publish_rate')) < SLOWEST_ODOM
@@ -218,7 +234,7 @@ class DashboardRobot:
         return RECENT + 1.0 / float(self.value('publish_rate')) if self._is_slow else RECENT
 
     def _forget(self) -> None:
-        self._is_known = False
+        self._is_known, self._strange = False, ''
         self._forgotten += 1
 
     def _has_held(self) -> str:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diffdrive_ros import clock
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
-from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED
+from diffdrive_ros.dashboard_robot import DashboardRobot, DISABLED, PATIENCE
 from diffdrive_ros.odometry_node import OdometryNode
 from diffdrive_ros.pilot import Beat, STOP
 from geometry_msgs.msg import Twist
@@ -95,6 +95,29 @@ def test_a_robot_that_tells_its_pose_too_seldom_is_not_driven(
         robot.look()
         assert words in robot.reason_not_to_drive
         assert robot.needs_to_learn is is_forgotten
+
+
+def test_a_node_of_another_kind_is_named_and_not_asked_all_the_time(
+        station: Station, hear_odom: Callable[[], DashboardRobot],
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """But after a while, when it has set a parameter, or when somebody else publishes odom."""
+    station.add(Node('odometry', context=station.context))
+    robot = hear_odom()
+    with pytest.raises(NoAnswerError, match='another node than odometry'):
+        learn(robot)
+    assert not robot.needs_to_learn
+    assert hear_odom().reason_not_to_drive == (
+        "/odometry is another node than odometry: it has no parameter 'cmd_vel_timeout'")
+    robot.node.parameters_changed_at = clock.now()
+    assert robot.needs_to_learn
+    robot.node.parameters_changed_at = 0.0
+    later = clock.now() + PATIENCE
+    with monkeypatch.context() as patch:
+        patch.setattr(clock, 'now', lambda: later)
+        assert robot.needs_to_learn
+    station.node.create_publisher(Odometry, 'odom', 1)
+    wait_until(lambda: 'not known yet' in hear_odom().reason_not_to_drive)
+    assert robot.needs_to_learn
 
 
 def test_an_odometry_that_started_anew_is_not_driven_before_it_is_known(
