@@ -28,7 +28,7 @@ class Page:
     def __init__(self, robot: DashboardRobot, identity: str) -> None:
         self.identity = identity
         self._robot = robot
-        self._is_unlocked = False
+        self._unlocked: int | None = None  # the arrival of the robot that it was said of
         self._sent_at = self._seen = 0.0
         self._unseen = 0
         self._drawn = dict.fromkeys(robot.tracks, (-1, 0))
@@ -42,6 +42,10 @@ class Page:
     @property
     def _may_touch(self) -> bool:
         return self._robot.is_simulated or self._is_unlocked
+
+    @property
+    def _is_unlocked(self) -> bool:
+        return self._unlocked == self._robot.arrivals
 
     def show(self, now: float) -> None:
         """Send a picture, unless those before it were not even drawn."""
@@ -134,6 +138,7 @@ class Page:
             self.do_now(self._take, 'click', self._on_take)
             self._unlock = ui.button('Drive this real robot', on_click=self._ask_to_unlock).props(
                 'no-caps color=deep-orange-10')
+            self._only_look = ui.button('Only look', on_click=self._lock).props('no-caps')
         with ui.row().classes('items-center gap-4 no-wrap pt-2'):
             pad = View('pad', 'Joystick; by the keyboard W A S D or the arrow keys, held')
             pad.hear('beat', self._on_beat)
@@ -261,6 +266,7 @@ class Page:
             self._robot.publish(self._robot.pilot.take(self.identity))
 
     async def _ask_to_unlock(self) -> None:
+        arrival = self._robot.arrivals
         with ui.dialog() as dialog, ui.card():
             ui.label('This moves a real robot').classes('text-lg font-bold')
             ui.label('Is nobody near it, and is somebody at its emergency stop? Your keys and the '
@@ -270,7 +276,12 @@ class Page:
                     ui.button('Drive it').props('no-caps color=deep-orange-10'), 'click',
                     partial(dialog.submit, True))
                 ui.button('Only look', on_click=dialog.close).props('no-caps flat')
-        self._is_unlocked = await dialog is True
+        if await dialog is True:
+            self._unlocked = arrival
+
+    def _lock(self) -> None:
+        self._unlocked = None
+        self._look_at_the_lock()
 
     def _look_at_the_lock(self) -> None:
         if not self.may_drive and self._robot.pilot.driver == self.identity:
@@ -291,6 +302,7 @@ class Page:
             self.may_drive and pilot.driver is not None and not is_ours)
         self._unlock.set_visibility(
             robot.odom is not None and not (robot.is_simulated or self._is_unlocked))
+        self._only_look.set_visibility(self._is_unlocked and not robot.is_simulated)
         others = robot.other_commanders
         self._status.set_text(self._state(is_ours, is_held) + (
             f' ({", ".join(others)} on cmd_vel too)' if others else ''))

@@ -37,6 +37,8 @@ class DashboardRobot:
         self.truth: Pose | None = None
         self.wheels: tuple[float, float] | None = None
         self.ellipse: tuple[float, float, float] | None = None
+        self.arrivals = 0
+        """How often somebody began to publish odom: it may be another robot each time."""
         self._is_known = False
         self._forgotten = 0
         self._strange = ''
@@ -61,6 +63,7 @@ class DashboardRobot:
             self._forget()  # it may be another process, which was started with other parameters
         if has_newcomers:
             self.odom = None
+            self.arrivals += 1
         # Before anything is opened: whatever is wrong with a message, the stop is not missed.
         has_held = self._has_held()
         if reason := self.reason_not_to_drive or has_held:

@@ -705,9 +705,9 @@ def test_a_real_robot_is_only_shown_until_the_user_says_otherwise(
         watch: Callable[..., Dashboard], start: Callable[..., Process], looker: Station,
         station: Station,
         visit: Callable[..., Hands]) -> None:
-    """Whatever listens to wheel commands and is no simulator is a real robot."""
+    """Of this robot: not of what comes after it. Who listens and is no simulator is a real one."""
     start('simulator_node')
-    start('odometry_node')
+    odometry = start('odometry_node')
     robot = Robot(looker)
     station.hear(JointState, 'wheel_commands')  # as a motor driver
     hands = visit(watch().url)
@@ -722,18 +722,30 @@ def test_a_real_robot_is_only_shown_until_the_user_says_otherwise(
     hands.page.get_by_role('button', name='Reset odometry').click()
     assert robot.commands == []
     assert robot.pose == (x, y, theta)
-    hands.page.get_by_role('button', name='Drive this real robot').click()
-    hands.page.get_by_role('button', name='Only look').click()
+    unlock, agree, refuse = (hands.page.get_by_role('button', name=name, exact=True) for name in (
+        'Drive this real robot', 'Drive it', 'Only look'))
+    unlock.click()
+    refuse.click()
     hands.page.wait_for_timeout(300)
     hands.wait_for('A real robot')
-    hands.page.get_by_role('button', name='Drive this real robot').click()
-    hands.page.get_by_role('button', name='Drive it', exact=True).wait_for()
+    unlock.click()
+    agree.wait_for()
     press_stop(hands)  # beside the question, which covers all else
     hands.wait_for('STOPPED')
-    hands.page.get_by_role('button', name='Drive it', exact=True).click()
+    agree.click()
     hands.page.get_by_role('button', name='Release the stop').click()
     hands.wait_for('Nobody drives')
     drive_off(hands, robot)
+    refuse.click()
+    hands.wait_for('A real robot')
+    wait_until(lambda: not robot.turns())
+    hands.page.keyboard.up('w')
+    unlock.click()
+    agree.click()
+    hands.wait_for('Nobody drives')
+    odometry.signal(signal.SIGKILL)
+    start('odometry_node')
+    hands.wait_for('A real robot')
 
 
 def test_a_key_held_since_a_real_robot_was_there_does_not_drive_the_simulated_one(
