@@ -150,12 +150,13 @@ class Link:
             while not self._ends.is_set():
                 if self._is_cut.is_set():
                     self._ends.wait(0.01)
-                elif select.select([source], [], [], 0.02)[0] and not self._is_cut.is_set():
-                    try:
+                    continue
+                try:
+                    if select.select([source], [], [], 0.02)[0] and not self._is_cut.is_set():
                         target.sendall(source.recv(65536) or self._raise())
-                    except OSError:
-                        target.close()
-                        return
+                except (OSError, ValueError):  # one end is closed, by the other direction perhaps
+                    target.close()
+                    return
 
     @staticmethod
     def _raise() -> bytes:
