@@ -332,6 +332,6 @@ def _said(twist: Twist | None) -> str:
 
 def _numbers(pair: tuple[float, float] | None, first: str, second: str) -> str:
     if pair is None:
-        return 'not told'
+        return '   not told'
     one, other = (round(value, 2) + 0.0 for value in pair)  # no -0.00
     return f'{one:7.2f} {first}{other:6.2f} {second}'

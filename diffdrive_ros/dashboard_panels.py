@@ -226,7 +226,7 @@ class StatusRow:
         """Show a status; what has not changed is not sent to the page."""
         level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
         self._title.set_text(f'{level}  {status.name}: {status.message}')
-        self._figures.set_text('   '.join(f'{each.key} {each.value}' for each in status.values))
+        self._figures.set_text(', '.join(f'{each.key} {each.value}' for each in status.values))
 
     def remove(self) -> None:
         """Take it off the page."""
