@@ -1,6 +1,7 @@
 // What has to happen in the browser: the heartbeat of whoever drives, and the map one can touch.
 // kind 'pad' is the joystick, keys and heartbeat; 'hold' a button that drives while it is held;
-// 'stop' the one that stops; 'limit' a slider; 'map' the picture. All of a page share one hand, and one glance: what the newest picture told that was drawn.
+// 'stop' the one that stops; 'limit' a slider; 'map' the picture. All of a page share one hand,
+// and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
 const SILENT = 1500; // [ms] without a picture: one that draws nothing gets one a second
@@ -11,7 +12,7 @@ const KEYS = {
 };
 // lost: it held something that was taken from it, which the driver has to be told.
 const hand = { keys: new Set(), stick: null, wheels: false, lost: false, release: [] };
-// When the server sent it, on its clock, and how often STOP was pressed then. Clicks carry it too.
+// When the server sent it, on its clock, and how often STOP had been pressed then; clicks carry it.
 window.glance = { sight: 0, stops: 0 };
 let heardAt = performance.now(); // when the newest picture came
 
@@ -63,7 +64,7 @@ const pad = {
     const now = performance.now();
     if (now - this.beatAt > ASLEEP || !isWatched()) letGo();
     this.beatAt = now;
-    // What cannot go out now must not wait in a buffer until it can; a dead link tells only by silence.
+    // What cannot go out now must not wait in a buffer until it can; a dead link tells by silence.
     const isLost = !window.socket?.connected || !window.did_handshake
       || (document.visibilityState === 'visible' && now - heardAt > SILENT);
     document.body.classList.toggle('lost', isLost);
