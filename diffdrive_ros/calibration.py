@@ -249,6 +249,8 @@ FLOORS: tuple[float, float] = tuple((_LEAST * math.exp(-_LEAP)).tolist()[:2])
 
 _RATE = 0.02  # [s], over which the rate of the poses is taken
 
+_STRIDE = 0.05  # [s], that the offset of a clock changes by at most in a step
+
 
 @dataclass
 class _State:
@@ -284,6 +286,7 @@ class _Solution:
     information: Array
     covariance: Array
     locals_: list[Array]
+    own_covariances: list[Array]  # of these, the common ones known
     normals: list[tuple[Array, Array]]  # of each drive, its own unknowns eliminated
     objective: float
     gradient: Array
@@ -516,8 +519,8 @@ class _Fit:
                 - np.einsum('kia,ib,ab->k', moved, weighed, joint, optimize=True)
                 - (linear.components @ smooth[-1]) @ smooth[-1])
         return _Solution(
-            common, information, covariance, locals_, normals, float(objective), gradient, smooth,
-            [part[0] for part in parts])
+            common, information, covariance, locals_, [part[3] for part in parts], normals,
+            float(objective), gradient, smooth, [part[0] for part in parts])
 
     def solve(self) -> _Solution:
         """Return what the drives say where the search is now."""
@@ -530,10 +533,15 @@ class _Fit:
         self.geometry[free] += np.clip(solution.common[:len(free)], -0.3, 0.3)
         if self.terms.marker:
             self.marker = self.marker + solution.common[-3:]
-        for state, local in zip(self.states, solution.locals_, strict=True):
-            state.start = state.start + local[:3]
+        for state, local, covariance in zip(
+                self.states, solution.locals_, solution.own_covariances, strict=True):
             if self.terms.time_offset:
-                state.time_offset += float(np.clip(local[3], -0.05, 0.05))
+                # An offset goes not all the way at once, and the start goes with it: on a circle
+                # one can stand in for the other.
+                offset = np.clip(local[3], -_STRIDE, _STRIDE)
+                local = local + covariance[3] / covariance[3, 3] * (offset - local[3])
+                state.time_offset += float(offset)
+            state.start = state.start + local[:3]
 
     def _weigh(self, solution: _Solution) -> None:
         """Let poses count less that contradict what all the others say of them."""
