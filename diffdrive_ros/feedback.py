@@ -85,13 +85,14 @@ class WheelFeedback:
     samples: int = field(default=0, init=False)
     """How many there were."""
     counts: Counter[str] = field(default_factory=Counter, init=False)
-    """How often what else happened, by the words in which diagnostics say it."""
+    """Of how many messages what else is to be said, by the words in which diagnostics say it."""
 
     def __post_init__(self) -> None:
         self._left = [_Wheel(name, self.left_direction) for name in self.left_names]
         self._right = [_Wheel(name, self.right_direction) for name in self.right_names]
         self._wheels = {wheel.name: wheel for wheel in (*self._left, *self._right)}
         self._renewed: set[str] = set()
+        self._happened: set[str] = set()  # with the message at hand
         # With nothing to hold it against, a position that is newer is believed.
         self._takes_all = (
             self.position_feedback and self.encoder_wrap is None
@@ -123,6 +124,15 @@ class WheelFeedback:
             if sample:
                 return sample
         self._usual_names = None
+        self._happened.clear()
+        sample = self._take(names, positions, velocities, stamp_ns)
+        self.counts.update(self._happened)
+        return sample
+
+    def _take(
+        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
+        stamp_ns: int,
+    ) -> WheelSample | None:
         values = positions if self.position_feedback else velocities
         is_whole = True
         turns: list[_Turn] = []
@@ -142,11 +152,11 @@ class WheelFeedback:
         if not is_whole:
             return None
         if not turns:
-            self._count('without our wheels')
+            self._happened.add('without our wheels')
             return None
         for wheel, value, angle, event in turns:
             if event:
-                self._count(event)
+                self._happened.add(event)
             wheel.value, wheel.angle, wheel.stamp_ns = value, angle, stamp_ns
             wheel.held = None
             self._renewed.add(wheel.name)
@@ -159,7 +169,7 @@ class WheelFeedback:
 
     def refuse(self, complaint: str) -> None:
         """Take note of a message that cannot be read, and why."""
-        self._count('unreadable')
+        self.counts['unreadable'] += 1
         self.complaint = complaint
 
     def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample | None:
@@ -200,7 +210,7 @@ class WheelFeedback:
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""
         if not abs(value) < LARGEST:
-            self._count('not finite')
+            self._happened.add('not finite')
             self.complaint = f'{wheel.name} = {value}: must be finite and below {LARGEST:g}'
             return None
         is_known = wheel.stamp_ns != BEFORE_ALL_NS
@@ -216,15 +226,15 @@ class WheelFeedback:
         """Return whether a stamp follows the wheel's last one; let time restart if it has."""
         if stamp_ns > wheel.stamp_ns:
             if wheel.held_past:
-                self._count('stragglers')
+                self._happened.add('stragglers')
                 wheel.held_past = None
             return True
         if wheel.stamp_ns - stamp_ns < JUMP_BACK_NS:
-            self._count('not newer')
+            self._happened.add('not newer')
             return False
         if wheel.held_past is None or stamp_ns <= wheel.held_past[1]:
             if wheel.held_past and stamp_ns == wheel.held_past[1]:
-                self._count('not newer')
+                self._happened.add('not newer')
             wheel.held_past = (value, stamp_ns)
             return False
         self._restart(wheel, *wheel.held_past)
@@ -232,7 +242,7 @@ class WheelFeedback:
 
     def _restart(self, wheel: _Wheel, value: float, stamp_ns: int) -> None:
         """Let time start again with a wheel's value and stamp; its angle stays."""
-        self._count('restarts of time')
+        self._happened.add('restarts of time')
         wheel.value, wheel.stamp_ns, wheel.held, wheel.held_past = value, stamp_ns, None, None
         if self._restarted_ns is None or stamp_ns < self._restarted_ns:
             self._restarted_ns = stamp_ns
@@ -269,7 +279,7 @@ class WheelFeedback:
     def _turn_at(self, wheel: _Wheel, speed: float, stamp_ns: int) -> _Turn | None:
         """Return what a velocity [rad/s] says of a wheel, None if it cannot be believed."""
         if self.max_plausible_speed is not None and abs(speed) > self.max_plausible_speed:
-            self._count('glitches')
+            self._happened.add('glitches')
             self.complaint = f'{wheel.name} at {speed:g} rad/s: above max_plausible_wheel_speed'
             return None
         elapsed_ns = stamp_ns - wheel.stamp_ns
@@ -287,7 +297,7 @@ class WheelFeedback:
         for index in range(value_count, len(names)):
             if names[index] in self._wheels:
                 is_missing = True
-                self._count('without a value')
+                self._happened.add('without a value')
                 if self.position_feedback and index < velocity_count:
                     self.complaint = (
                         'the wheels have velocities but no positions: set position_feedback to '
@@ -296,9 +306,6 @@ class WheelFeedback:
                     missing = 'position' if self.position_feedback else 'velocity'
                     self.complaint = f'{names[index]} has no {missing}'
         return is_missing
-
-    def _count(self, what: str) -> None:
-        self.counts[what] += 1
 
 
 def _turn(wheel: _Wheel, value: float, turned: float, event: str = '') -> _Turn:
