@@ -176,8 +176,8 @@ class CommandPath:
             if (left, right) != asked:
                 self._count('desaturated')
                 linear, angular = map(float, self.drive.body_twist(left, right))
-        return WheelCommand(
-            self.left_direction * left, self.right_direction * right, linear, angular)
+        return WheelCommand(  # plus 0.0: no zero has a sign
+            self.left_direction * left + 0.0, self.right_direction * right + 0.0, linear, angular)
 
     def _is_too_old(self, now_ns: int) -> bool:
         if self._received_ns is None or not self.timeout:

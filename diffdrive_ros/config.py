@@ -4,7 +4,7 @@ The settings of the node odometry: its parameters, and the one frozen Config tha
 The names, and where they have one the meaning, are diff_drive_controller's, of its releases 4 to
 6. A double that is not set is .nan, as there.
 """
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -14,7 +14,6 @@ from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.limits import AxisLimits
 from diffdrive_ros.odometry import GeometryUncertainty, WheelNoise
 from diffdrive_ros.parameters import ParameterError, Rule, Spec, Values
-from rclpy.node import Node
 
 DIRECTION = Rule('must be 1 or -1', lambda value: value in (1, -1))
 DIAGONAL = Rule(
@@ -212,22 +211,6 @@ def axis_limits(values: Values, axis: str) -> AxisLimits:
         name, rest = str(error).split(' = ', 1)
         value, rule = rest.split(': ', 1)
         raise ParameterError(f'{axis}.{name}', value, rule) from None
-
-
-def say_unknown_names(node: Node, names: Iterable[str]) -> None:
-    """Log the names that were given to a node and are none of its parameters."""
-    known = [spec.name for spec in SPECS]
-    known += [f'qos_overrides.{name}' for name in node.get_parameters_by_prefix('qos_overrides')]
-    for name in sorted(names):
-        if name in RETIRED:
-            node.get_logger().info(f'{name} is not used any more: {RETIRED[name]}')
-        elif name not in known and not name.startswith(NOT_FOR_US):
-            import difflib  # here, for most starts do without its memory
-
-            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-            node.get_logger().warning(
-                f'{name} is no parameter of this node and is not used; the nearest is '
-                f'{nearest[0]}')
 
 
 def _diagonal(variances: Sequence[float]) -> tuple[float, ...] | None:

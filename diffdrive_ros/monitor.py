@@ -83,7 +83,8 @@ class Monitor:
             self._counts_then = Counter(self._feedback.counts)
             return Status('feedback', OK, f'{rate:.0f} Hz', figures)
         reason = self._reason_of_silence()
-        is_missed = was_heard or self._feedback.counts or self._command.started
+        is_missed = (
+            was_heard or self._names or self._feedback.counts or self._command.started)
         if is_missed and 'silence' not in self._said:
             self._said.add('silence')
             self._node.get_logger().warning(f'joint_states: {reason}')

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from diffdrive_ros import parameters, spinning
 from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.complaints import Complaints
-from diffdrive_ros.config import Config, say_unknown_names, SPECS
+from diffdrive_ros.config import Config, NOT_FOR_US, RETIRED, SPECS
 from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.lateness import Lateness
 from diffdrive_ros.message_info import with_time_sent
@@ -80,6 +80,7 @@ class OdometryNode(Node):
         self._sent = STOP
         self._is_commanding = False
         self._other_axes_said = False
+        self._limits_said: set[str] = set()
         self._command_complaints = Complaints(
             self.get_logger().warning, '{}; wheels stopped')
         self._feedback_complaints = Complaints(
@@ -149,7 +150,7 @@ class OdometryNode(Node):
         self.create_service(SetBool, '~/enable', self._on_enable)
 
     def _say_what_runs(self, config: Config, is_example: bool) -> None:
-        say_unknown_names(self, parameters.given(self))
+        parameters.say_unknown_names(self, SPECS, RETIRED, NOT_FOR_US)
         drive = config.drive
         robot = (f'wheel_separation {drive.wheel_separation:g} m, wheel radii '
                  f'{drive.left_wheel_radius:g} and {drive.right_wheel_radius:g} m')
@@ -168,12 +169,21 @@ class OdometryNode(Node):
             + (f'; wheels stop after {config.cmd_vel_timeout:g} s of silence'
                if config.cmd_vel_timeout else ''))
         self._warn_of_no_timeout(config)
+        self._warn_of_limits(config)
+
+    def _warn_of_limits(self, config: Config) -> None:
+        """Say what is new of limits that may not be what was meant."""
+        said, self._limits_said = self._limits_said, set()
         for axis, limits in (
                 ('linear.x', config.linear_limits), ('angular.z', config.angular_limits)):
             if limits.without_effect:
-                self.get_logger().warning(
-                    f'{axis}: {", ".join(limits.without_effect)} have no effect without their '
-                    'maximum')
+                self._limits_said.add(
+                    f'{axis}: without effect, for their maximum is not set: '
+                    f'{", ".join(limits.without_effect)}')
+            if limits.max_acceleration == 0.0:
+                self._limits_said.add(f'{axis}.max_acceleration = 0.0: the robot never starts')
+        for text in sorted(self._limits_said - said):
+            self.get_logger().warning(text)
 
     def _warn_of_no_timeout(self, config: Config) -> None:
         if not config.cmd_vel_timeout:
@@ -186,6 +196,7 @@ class OdometryNode(Node):
     def _apply(self, config: Config) -> None:
         if config.cmd_vel_timeout != self._config.cmd_vel_timeout:
             self._warn_of_no_timeout(config)
+        self._warn_of_limits(config)
         self._config = config
         self._odometry.drive = self._command.drive = config.drive
         self._command.timeout = config.cmd_vel_timeout

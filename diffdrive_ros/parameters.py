@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import re
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from diffdrive_ros.kinematics import DiffDrive
@@ -182,6 +183,30 @@ def declare(node: Node, specs: Sequence[Spec]) -> Values:
     return values
 
 
+def say_unknown_names(
+    node: Node, specs: Sequence[Spec], retired: Mapping[str, str] = MappingProxyType({}),
+    not_for_us: tuple[str, ...] = ('use_sim_time',),
+) -> None:
+    """
+    Log the names that were given to a node and are none of its parameters.
+
+    retired are such that once were, and why not any more; what begins like one of not_for_us is
+    meant for somebody else.
+    """
+    known = [spec.name for spec in specs]
+    known += [f'qos_overrides.{name}' for name in node.get_parameters_by_prefix('qos_overrides')]
+    for name in sorted(given(node)):
+        if name in retired:
+            node.get_logger().info(f'{name} is not used any more: {retired[name]}')
+        elif name not in known and not name.startswith(not_for_us):
+            import difflib  # here, for most starts do without its memory
+
+            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+            node.get_logger().warning(
+                f'{name} is no parameter of this node and is not used; the nearest is '
+                f'{nearest[0]}')
+
+
 def is_example_robot(node: Node, parameter_file: bool) -> bool:
     """
     Return True if nothing was said of the robot, so that the example stands in for it.
@@ -198,8 +223,12 @@ def is_example_robot(node: Node, parameter_file: bool) -> bool:
         needed += ['left_wheel_names', 'right_wheel_names']
     for name in needed:
         if name not in said:
+            import difflib  # here, for most starts do without its memory
+
             why = (f'{", ".join(said)} came without it' if said else 'the parameter file has '
                    f'nothing of it under a key that is {node.get_fully_qualified_name()}')
+            for similar in difflib.get_close_matches(name, given(node).keys() - geometry, n=1):
+                why += f'; {similar} is no parameter of this node'
             raise ParameterError(name, '(not set)', f'{geometry[name].rule.text}; {why}')
     return False
 

@@ -53,6 +53,7 @@ class SimulatorNode(Node):
         super().__init__('simulator', **kwargs)
         try:
             values = parameters.declare(self, SPECS)
+            parameters.is_example_robot(self, parameter_file=False)
             self._left_names, self._right_names = parameters.wheel_names(values)
             drive = parameters.drive(values)
             model = RobotModel(
@@ -79,6 +80,7 @@ class SimulatorNode(Node):
         self._truth_publisher = self.create_publisher(
             OdometryMessage, 'ground_truth', QoSProfile(depth=10))
         parameters.follow_changes(self, SPECS, dict, self._apply)
+        parameters.say_unknown_names(self, SPECS)
         self.get_logger().info(
             f'a robot with wheel_separation {model.wheel_separation:g} m, wheel radii '
             f'{model.left_wheel_radius:g} and {model.right_wheel_radius:g} m waits for '

@@ -212,6 +212,8 @@ GOOD = 'wheel_separation: 0.3\n    wheel_radius: 0.05\n    '
 
 REFUSALS = [
     ('wheel_radius: -1', 'wheel_radius = -1.0: must be positive and finite'),
+    ('wheel_radius: 0.05\n    wheel_seperation: 0.3',
+     'wheel_radius came without it; wheel_seperation is no parameter of this node'),
     ('wheel_radius: "a"', "wheel_radius = 'a': must be a double"),
     ('wheel_radius: .nan', 'wheel_radius = nan: must be positive and finite'),
     ('wheel_radius: .inf', 'wheel_radius = inf: must be positive and finite'),

@@ -209,6 +209,27 @@ def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
     assert [node._is_due(start - hour + k * 50_000_000) for k in range(3)] == [True, False, True]
 
 
+def test_limits_that_may_not_be_meant_are_said_once_also_when_they_are_set_live(
+        station: Station, make: Make, said: Said) -> None:
+    """A minimum without its maximum does nothing; no acceleration, and the robot stays."""
+    node = make(angular__z__min_velocity=-1.0)
+    assert 'angular.z: without effect, for their maximum is not set: min_velocity' in said()
+    for value in (-0.1, -0.2):
+        node.set_parameters([Parameter('linear.x.min_velocity', value=value)])
+    node.set_parameters([Parameter('linear.x.max_acceleration', value=0.0)])
+    assert said().count('linear.x: without effect') == 1
+    assert said().count('angular.z: without effect') == 1
+    assert 'linear.x.max_acceleration = 0.0: the robot never starts' in said()
+
+
+def test_a_driver_of_one_wheel_is_named_though_nothing_was_ever_commanded(
+        station: Station, make: Make, said: Said) -> None:
+    """No odom, and whoever starts with a new robot looks at the log first."""
+    make()
+    station.say_until(lambda: 'waiting for right_wheel_joint' in said(), 'joint_states', (
+        joints(k, left_wheel_joint=1.0) for k in itertools.count(1)))
+
+
 def test_in_open_loop_too_a_clock_beyond_the_stamps_of_ros_is_refused(
         station: Station, make: Make, said: Said) -> None:
     """The wheels are commanded all the same."""

@@ -2,6 +2,7 @@
 from collections.abc import Callable
 import itertools
 import math
+import signal
 
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.odometry import integrate
@@ -125,6 +126,8 @@ def test_crossed_cables_swap_the_sides_of_motors_and_encoders(
 @pytest.mark.parametrize(('parameters', 'line'), [
     ({'slip': 1.0}, 'slip = 1.0: must be zero or more and below 1'),
     ({'wheel_radius': 0.0}, 'wheel_radius = 0.0: must be positive and finite'),
+    ({'wheel_radius': 0.1}, 'wheel_separation = (not set): must be positive and finite; '
+     'wheel_radius came without it'),
     ({'encoder_ticks': 0.5}, 'encoder_ticks = 0.5: must be an integer'),
 ])
 def test_a_wrong_parameter_refuses_to_start(
@@ -133,3 +136,14 @@ def test_a_wrong_parameter_refuses_to_start(
     process = start('simulator_node', **parameters)
     assert process.wait() == 1
     assert process.output.strip() == f'simulator: /simulator cannot start: {line}'
+
+
+def test_a_name_that_is_no_parameter_is_named_with_the_nearest(
+        station: Station, start: Callable[..., Process]) -> None:
+    """Or the robot is another one than was meant."""
+    process = start('simulator_node', slipp=0.1)
+    wait_until(lambda: station.node.count_publishers('joint_states'))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert 'slipp is no parameter of this node and is not used; the nearest is slip' in (
+        process.output)
