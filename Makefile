@@ -25,7 +25,7 @@ test colcon: export ROS_PYTHON_CHECK_FIELDS = 1
 test: lint  ## lint, then pytest: make test ARGS='-k odometry'
 	@.ci/environment test .ci/tf2_msgs
 	@printf '\n== pytest\n'
-	@.ci/environment test python -m pytest -n 2 --dist loadfile $(ARGS)
+	@.ci/environment test python -m pytest -n 3 --dist loadfile $(ARGS)
 
 colcon:  ## build and test as a ROS workspace does
 	@.ci/environment colcon .ci/tf2_msgs
