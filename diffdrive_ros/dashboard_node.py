@@ -17,8 +17,11 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
+
+ASLEEP, AWAKE = 0.018, 0.002  # [s]
 
 # Best effort: the node that is watched has nobody more to wait for or to send to again.
 WATCHING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -244,7 +247,11 @@ def full_name(end: Any) -> str:
 
 
 class Spinner:
-    """Spins a node in a thread of its own until it is closed."""
+    """
+    Spins a node in a thread of its own until it is closed, now and then.
+
+    Pictures need no more, and no message of the robot wakes a processor that odometry may want.
+    """
 
     def __init__(self, node: Node) -> None:
         self._executor = spinning.make_executor()
@@ -260,5 +267,5 @@ class Spinner:
         self._thread.join()
 
     def _spin(self) -> None:
-        while not self._ends.is_set():
-            self._executor.spin_once(timeout_sec=0.5)
+        while not self._ends.wait(ASLEEP):
+            self._executor.spin_until_future_complete(Future(), timeout_sec=AWAKE)
