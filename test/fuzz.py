@@ -293,6 +293,7 @@ class CommandEpisode(Episode):
         self.now = draw.randrange(10**18)
         self.received: int | None = None
         self.stepped: int | None = None
+        self.held_until: float | None = -math.inf  # the target of the last step; None for unknown
         self.target: tuple[float, float] | None = (0.0, 0.0)  # None for unknown
         self.last = WheelCommand(0.0, 0.0, 0.0, 0.0)
 
@@ -376,15 +377,20 @@ class CommandEpisode(Episode):
                            path.linear_limits, path.angular_limits, path.period, set(path.holds)))
         sent = self.last = path.step(self.now)
         self.calls.append(('sent', sent))
-        # Where time stands still, a hold counts a period; of a pause, all but five slow down.
+        # Where time stands still, a hold counts a period; of a pause, all but five slow down, if
+        # nothing was asked for meanwhile.
         elapsed = path.period if self.stepped is None else (self.now - self.stepped) * 1e-9
         elapsed = elapsed if elapsed > 0.0 else path.period if path.holds else 1e-9
         self.seconds = min(elapsed, 5.0 * path.period)
+        pause, held_until = elapsed - self.seconds, self.held_until
         self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
         if path.holds or (path.timeout and age_ns is not None
                           and not 0 <= age_ns <= path.timeout * 1e9):
             self.target = 0.0, 0.0
+        self.held_until = None if self.target is None else (
+            self.now if self.target == (0.0, 0.0) or self.received is None
+            else self.received + path.timeout * 1e9 if path.timeout else math.inf)
         demand(all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular))),
                'not finite', sent)
         limit = path.max_wheel_speed
@@ -396,13 +402,15 @@ class CommandEpisode(Episode):
         is_limited = limit is not None and max(abs(amounts)) > 0.999999 * limit
         # A speed for which smaller wheels, set meanwhile, would turn infinitely fast ends at once.
         is_limited |= max(abs(last.linear), abs(last.angular)) > 1e300
-        if self.target is None:
+        if self.target is None or (pause and held_until is None):
             return
+        if pause:
+            pause = max(0.0, min(pause, (self.now - held_until) * 1e-9))
         for target, limits, before, now in (
                 (self.target[0], path.linear_limits, last.linear, sent.linear),
                 (self.target[1], path.angular_limits, last.angular, sent.angular)):
-            slowed = abs(before) - self.slowing(limits, before) * (elapsed - self.seconds)
-            if elapsed > self.seconds:
+            if pause:
+                slowed = abs(before) - self.slowing(limits, before) * pause
                 before = math.copysign(max(slowed, 0.0), before)
             self.judge_axis(target, limits, before, now, is_limited)
 
