@@ -13,7 +13,7 @@ def patient_console() -> Iterator[int]:
     Let what ROS logs go through a thread, which waits for the console instead of the caller.
 
     What is too much for it meanwhile is lost. Gives the file descriptor of the console itself, for
-    what cannot wait for a thread.
+    what cannot wait for a thread, nor for a reader.
     """
     ours = 1 if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 2
     console = os.dup(ours)
@@ -26,10 +26,19 @@ def patient_console() -> Iterator[int]:
     thread = threading.Thread(target=_hand_on, args=(reader, console), daemon=True)
     thread.start()
     try:
-        yield console
+        yield _impatient(console)
     finally:
         os.dup2(console, ours)  # which ends the thread, for it was the last to write
         thread.join(LONGEST_REST)
+
+
+def _impatient(console: int) -> int:
+    """Return a file descriptor of the console on which nothing waits, if there can be one."""
+    try:
+        return os.open(
+            f'/proc/self/fd/{console}', os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND | os.O_CLOEXEC)
+    except OSError:  # a socket
+        return console
 
 
 def _hand_on(reader: int, console: int) -> None:

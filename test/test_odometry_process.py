@@ -103,14 +103,20 @@ def test_a_pause_of_the_process_is_time_to_slow_down(station: Station, start: St
     assert all(is_zero(message) for _, message in heard[before + 1:])
 
 
-def test_a_console_that_nobody_reads_stops_no_node(station: Station) -> None:
-    """Ctrl-S in a terminal, or a pipe that is full: it drives, stops and ends all the same."""
+def full_pipe() -> tuple[int, int]:
+    """Return the ends of a pipe that takes no more; it blocks, as a console does."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     with suppress(BlockingIOError):
         while True:
             os.write(writer, bytes(4096))
     os.set_blocking(writer, True)
+    return reader, writer
+
+
+def test_a_console_that_nobody_reads_stops_no_node(station: Station) -> None:
+    """Ctrl-S in a terminal, or a pipe that is full: it drives, stops and ends all the same."""
+    reader, writer = full_pipe()
     process = subprocess.Popen(
         [sys.executable, '-m', 'diffdrive_ros.odometry_node'], stderr=writer)
     try:
@@ -132,6 +138,22 @@ def test_a_crash_of_the_interpreter_leaves_its_trace(station: Station, start: St
     process.signal(signal.SIGSEGV)
     assert process.wait() == -signal.SIGSEGV
     assert 'Fatal Python error: Segmentation fault' in process.output
+
+
+def test_a_crash_ends_the_process_though_nobody_reads_its_console(station: Station) -> None:
+    """Or nobody would start it again."""
+    reader, writer = full_pipe()
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'diffdrive_ros.odometry_node'], stderr=writer)
+    try:
+        drive(station)
+        process.send_signal(signal.SIGSEGV)
+        assert process.wait(timeout=3.0) == -signal.SIGSEGV
+    finally:
+        process.kill()
+        process.wait()
+        os.close(reader)
+        os.close(writer)
 
 
 def test_a_timeout_of_zero_never_stops_the_wheels_and_says_so(
