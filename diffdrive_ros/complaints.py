@@ -1,4 +1,4 @@
-"""Complaints as they change: said at most once a second, and the last of them always."""
+"""Complaints as they change: said at most once a second, the last too unless it is over before."""
 from collections.abc import Callable
 import math
 import time

@@ -233,8 +233,9 @@ class WheelFeedback:
             self._happened.add('not newer')
             return False
         if wheel.held_past is None or stamp_ns <= wheel.held_past[1]:
-            if wheel.held_past and stamp_ns == wheel.held_past[1]:
-                self._happened.add('not newer')
+            if wheel.held_past:
+                self._happened.add(
+                    'not newer' if stamp_ns == wheel.held_past[1] else 'stragglers')
             wheel.held_past = (value, stamp_ns)
             return False
         self._restart(wheel, *wheel.held_past)

@@ -11,7 +11,7 @@ from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.complaints import Complaints
 from diffdrive_ros.config import Config, NOT_FOR_US, RETIRED, SPECS
 from diffdrive_ros.feedback import WheelFeedback
-from diffdrive_ros.lateness import Lateness
+from diffdrive_ros.lateness import ALIKE_NS, Lateness
 from diffdrive_ros.message_info import with_time_sent
 from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odometry import Odometry
@@ -76,7 +76,7 @@ class OdometryNode(Node):
             config.right_wheel_direction)
         parameters.follow_changes(self, SPECS, self._config_of, self._apply)
         self._reader = JointStateReader((*config.left_wheel_names, *config.right_wheel_names))
-        self._lateness = Lateness()
+        self._lateness = Lateness(_alike_ns(config.cmd_vel_timeout))
         self._sent = STOP
         self._is_commanding = False
         self._other_axes_said = False
@@ -200,6 +200,7 @@ class OdometryNode(Node):
         self._config = config
         self._odometry.drive = self._command.drive = config.drive
         self._command.timeout = config.cmd_vel_timeout
+        self._lateness.alike_ns = _alike_ns(config.cmd_vel_timeout)
         self._command.max_wheel_speed = config.max_wheel_speed
         self._command.linear_limits = config.linear_limits
         self._command.angular_limits = config.angular_limits
@@ -223,6 +224,7 @@ class OdometryNode(Node):
                 self.get_logger().warning(
                     f'cmd_vel goes on to come {abs(believed_ns) * 1e-9:.1f} s '
                     f'{"late" if believed_ns > 0 else "early"}: taken for that of another clock')
+        self._follow_the_clock()
         now_ns = self._command_ns()
         if self._timer.is_canceled():
             self._hold_where_due(now_ns)
@@ -252,6 +254,11 @@ class OdometryNode(Node):
             return int(self.get_clock().now().nanoseconds)
         return _steady_ns()
 
+    def _follow_the_clock(self) -> None:
+        if self._is_simulated != self._was_simulated:
+            self._was_simulated = self._is_simulated
+            self._command.forget_time()
+
     @property
     def _is_simulated(self) -> bool:
         return bool(self.get_parameter('use_sim_time').value)
@@ -259,9 +266,7 @@ class OdometryNode(Node):
     def _tick(self, now: float) -> None:
         """Send the wheels what holds now; without encoders, take it for what they did."""
         self._ticked_at = now
-        if self._is_simulated != self._was_simulated:
-            self._was_simulated = self._is_simulated
-            self._command.forget_time()
+        self._follow_the_clock()
         stamp, now_ns = self._now(), self._command_ns()
         if self._config.open_loop and self._has_stamp(_nanoseconds(stamp)):
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
@@ -402,6 +407,11 @@ class OdometryNode(Node):
 def _steady_ns() -> int:
     """Return the time since the machine was started [ns], that of its sleep too."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+def _alike_ns(timeout: float) -> int:
+    """Return by how much commands may come late, or clocks be wrong, as if they were not [ns]."""
+    return min(ALIKE_NS, round(0.25e9 * timeout)) if timeout else ALIKE_NS
 
 
 def _nanoseconds(stamp: Time) -> int:

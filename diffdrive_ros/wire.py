@@ -52,7 +52,11 @@ class _Layout(NamedTuple):
 
     size: int
     head: bytes
-    """The frame and the names with their lengths, and whatever fills up between them."""
+    """
+    The frame and the names with their lengths, and what fills up between them.
+
+    That may be anything; a message with other fillings has another layout, which costs time only.
+    """
     unpack: Callable[[bytes], tuple[Any, ...]]
     """Returns preamble, stamp, and the count and the wanted ones of each sequence."""
     preamble: bytes

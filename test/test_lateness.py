@@ -86,6 +86,31 @@ def test_a_burst_of_what_was_kept_back_is_late_to_the_last(
             assert talker.say(now + k * MS, (count - k) * 100 * MS + kept) >= kept - 100 * MS
 
 
+@pytest.mark.parametrize('pace', [1.3, 1.5, 2.0, 3.0, 5.0])
+@pytest.mark.parametrize('stall', [2, 10, 30])
+def test_a_backlog_that_is_worked_off_slowly_is_late_until_it_is(stall: int, pace: float) -> None:
+    """Each message is a little less late than the one before, for longer than a second."""
+    lateness = Lateness()
+    Talker(lateness).talk(range(START, START + 5 * S, 50 * MS))
+    begin = START + 5 * S
+    for k in range(round(20 * stall * pace / (pace - 1.0))):
+        sent, at = begin + 50 * k * MS, begin + stall * S + round(50 * k / pace) * MS
+        late, _ = lateness.of(sent + WALL, at, at + WALL)
+        assert late > at - sent - 650 * MS or at - sent < 200 * MS
+
+
+def test_a_clock_that_was_believed_is_not_led_down_by_a_burst() -> None:
+    """A link was 3 s slow for a while; hours later what was kept back is no sign of that."""
+    talker = Talker(Lateness())
+    talker.talk(range(START, START + 2 * S, 50 * MS), 3 * S)
+    for hours in range(5):
+        talker.say(START + 10 * S + hours * 1800 * S)
+    now = START + 5 * 3600 * S
+    for k in range(70):
+        kept = 3550 * MS - 50 * k * MS
+        assert talker.say(now + k * MS, kept) >= kept - 10 * MS
+
+
 def test_one_by_one_after_each_of_several_cuts_is_late_each_time() -> None:
     """By the same time even."""
     talker = Talker(Lateness())
