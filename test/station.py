@@ -141,13 +141,16 @@ def is_ramp(messages: Iterable[object], speeds: Iterable[float], rate: float) ->
     """
     Return whether speeds change at a rate, by the stamps of the messages that have them.
 
-    A busy machine may stop the node between its two looks at the time, but seldom.
+    A busy machine may stop the node between its two looks at the time, but seldom: most of the
+    speeds lie on one line, and all of them near it.
     """
-    seconds = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-               for message in messages]
-    errors = np.abs(np.diff(list(speeds)) - rate * np.diff(seconds))
-    return bool(errors.size and np.median(errors) < abs(rate) * 2e-4
-                and errors.max() < abs(rate) * 0.02)
+    seconds = np.array([message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+                        for message in messages])
+    if len(seconds) < 2:
+        return False
+    lines = np.array(list(speeds)) - rate * (seconds - seconds[0])
+    errors = np.abs(lines - np.median(lines))
+    return bool(np.median(errors) < abs(rate) * 2e-4 and errors.max() < abs(rate) * 0.02)
 
 
 def twist(linear: float, angular: float) -> Twist:
