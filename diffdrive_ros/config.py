@@ -15,6 +15,8 @@ from diffdrive_ros.limits import AxisLimits
 from diffdrive_ros.odometry import GeometryUncertainty, WheelNoise
 from diffdrive_ros.parameters import ParameterError, Rule, Spec, Values
 
+NOISE = WheelNoise()  # of a small indoor robot
+
 DIRECTION = Rule('must be 1 or -1', lambda value: value in (1, -1))
 DIAGONAL = Rule(
     'must be 6 variances, each zero or more and at most 1e6',
@@ -80,13 +82,13 @@ SPECS = (
     Spec('velocity_rolling_window_size', 10,
          'Samples over which the twist is measured. Too many: it lags; too few: it shows the '
          'steps of the encoders.', parameters.WINDOW),
-    Spec('left_wheel_travel_variance', WheelNoise.left_travel,
+    Spec('left_wheel_travel_variance', NOISE.left_travel,
          "Variance of the left wheel's travel over the floor per metre driven [m^2/m]. Too "
          'small: filters trust odometry that has slipped away.', parameters.NOT_NEGATIVE),
-    Spec('right_wheel_travel_variance', WheelNoise.right_travel,
+    Spec('right_wheel_travel_variance', NOISE.right_travel,
          "Variance of the right wheel's travel over the floor per metre driven [m^2/m].",
          parameters.NOT_NEGATIVE),
-    Spec('turn_variance', WheelNoise.turn,
+    Spec('turn_variance', NOISE.turn,
          'Variance of the heading per radian turned, from wheels that scrub [rad^2/rad].',
          parameters.NOT_NEGATIVE),
     *(Spec(f'{name}_std', 0.0,

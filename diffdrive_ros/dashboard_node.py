@@ -57,7 +57,7 @@ class Heard:
     @property
     def age(self) -> float:
         """Return how long ago it came [s]."""
-        return clock.now() - self._at
+        return clock.steady() - self._at
 
     @property
     def message(self) -> Any:
@@ -68,7 +68,7 @@ class Heard:
         return self._opened and self._opened[1]
 
     def _take(self, raw: bytes) -> None:
-        self._raw, self._at = raw, clock.now()
+        self._raw, self._at = raw, clock.steady()
 
 
 class HeardJoints:
@@ -87,11 +87,11 @@ class HeardJoints:
             for name, speed in zip(message.name, message.velocity, strict=False):
                 if math.isfinite(speed):
                     self._speeds[name] = at, speed
-        now = clock.now()
+        now = clock.steady()
         return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
 
     def _take(self, raw: bytes) -> None:
-        self._raw.append((clock.now(), raw))
+        self._raw.append((clock.steady(), raw))
 
 
 class DashboardNode(Node):
@@ -230,7 +230,7 @@ class DashboardNode(Node):
             and not end.node_name.startswith(LOOKERS))
 
     def _on_diagnostics(self, message: Any) -> None:
-        now = clock.now()
+        now = clock.steady()
         for status in message.status:
             self.diagnostics[status.name] = now, status
             if status.name == self.commands_status:
@@ -238,7 +238,7 @@ class DashboardNode(Node):
 
     def _on_parameters(self, message: Any) -> None:
         if message.node == self.watched:
-            self.parameters_changed_at = clock.now()
+            self.parameters_changed_at = clock.steady()
 
 
 def full_name(end: Any) -> str:

@@ -178,7 +178,7 @@ class Page:
         self._robot.publish(self._robot.pilot.beat(
             self.identity, Beat(
                 number, sight, twist, bool(said.get('lost')),
-                self.may_drive and not self._robot.hold), clock.now()))
+                self.may_drive and not self._robot.hold), clock.steady()))
 
     def _asked(self, said: Mapping[str, Any]) -> Twist:
         fastest = self._linear.value, self._angular.value
@@ -210,7 +210,7 @@ class Page:
             sight, stops = float(glance['sight']) / 1e3, int(glance['stops'])
         except (KeyError, TypeError, ValueError, OverflowError):
             sight, stops = math.nan, 0
-        if self._robot.pilot.sees(sight, stops, clock.now()):
+        if self._robot.pilot.sees(sight, stops, clock.steady()):
             return True
         ui.notify('That came late, or stop was pressed meanwhile: nothing was changed. Look, and '
                   'do it again.', type='warning')

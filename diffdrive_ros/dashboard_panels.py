@@ -67,7 +67,7 @@ class KinematicsPanel:
     def touch(self, pose: Any, wheels: Any) -> None:
         """Take what is being dragged on the map."""
         if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
-            self._pose, self._touched_at = pose, clock.now()
+            self._pose, self._touched_at = pose, clock.steady()
         if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
             self._take_wheels(*map(float, wheels))
             self._left.set_value(round(self.wheels[0], 2))
@@ -76,7 +76,7 @@ class KinematicsPanel:
 
     def refresh(self) -> None:
         """Renew the numbers."""
-        if clock.now() - self._touched_at > 1.0:
+        if clock.steady() - self._touched_at > 1.0:
             self._pose = None
         pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
         told = self.wheels if self._are_wheels_touched else self._robot.wheels
@@ -196,7 +196,7 @@ class DiagnosticsPanel:
 
     def refresh(self) -> None:
         """Renew what has changed."""
-        now = clock.now()
+        now = clock.steady()
         if now - self._renewed_at < STATUS_PERIOD:
             return
         self._renewed_at = now

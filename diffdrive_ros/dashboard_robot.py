@@ -120,7 +120,7 @@ class DashboardRobot:
         """Return why the node holds the wheels, if it does by its last word."""
         heard_at, status = self.node.diagnostics.get(
             self.node.commands_status, (-math.inf, None))
-        is_old = heard_at < self._enabled_at or clock.now() - heard_at > DIAGNOSTICS_SILENT
+        is_old = heard_at < self._enabled_at or clock.steady() - heard_at > DIAGNOSTICS_SILENT
         return '' if is_old else hold_in(status)
 
     @property
@@ -156,12 +156,12 @@ class DashboardRobot:
         if self._learned_at <= self.node.parameters_changed_at:
             return True
         if self._strange:
-            return clock.now() - self._learned_at > PATIENCE
+            return clock.steady() - self._learned_at > PATIENCE
         return not self._is_known
 
     async def learn(self) -> None:
         """Read the parameters of the node, and what follows from them; raises NoAnswerError."""
-        before, forgotten, strange = clock.now(), self._forgotten, ''
+        before, forgotten, strange = clock.steady(), self._forgotten, ''
         try:
             learned = await remote_parameters.read_all(self.node.ask)
             if self._forgotten == forgotten:
@@ -189,7 +189,7 @@ class DashboardRobot:
 
     async def enable(self, is_enabled: bool) -> str:
         """Have the node drive the wheels, or hold them at zero; return its word."""
-        asked_at = clock.now()
+        asked_at = clock.steady()
         answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
         self._enabled_at = asked_at  # what was told before tells of before
         return str(answer.message)

@@ -58,12 +58,12 @@ class Server:
         self._robot.node.last_words()
 
     async def _watch(self) -> None:
-        self._robot.publish(self._robot.pilot.watch(clock.now()))
+        self._robot.publish(self._robot.pilot.watch(clock.steady()))
 
     async def _picture(self) -> None:
         self._robot.look()
         for page in list(self._pages.values()):
-            page.show(clock.now())
+            page.show(clock.steady())
 
     async def _numbers(self) -> None:
         for page in list(self._pages.values()):

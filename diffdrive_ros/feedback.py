@@ -38,13 +38,14 @@ class WheelSample(NamedTuple):
     """When time has started again: the stamp [ns] in the new time of the last sample's angles."""
 
 
-_wheel_sample = tuple.__new__  # WheelSample.__new__ is in Python, and twice as dear
+PlainSample = tuple[float, float, int, int | None]
+"""The same without the names, which cost too much for each message of a live robot."""
 
 
 @dataclass(slots=True)
 class _Wheel:
     name: str
-    direction: int
+    direction: float
     value: float = 0.0
     """The last position that was believed [rad], as the joint gives it."""
     stamp_ns: int = BEFORE_ALL_NS
@@ -80,16 +81,17 @@ class WheelFeedback:
     right_direction: int = 1
     encoder_wrap: float | None = None
     max_plausible_speed: float | None = None
-    complaint: str = field(default='', init=False)
+    complaint: str = field(init=False)
     """What was wrong with the last message of ours, for a person to read; '' if nothing was."""
-    samples: int = field(default=0, init=False)
+    samples: int = field(init=False)
     """How many there were."""
     counts: Counter[str] = field(default_factory=Counter, init=False)
     """Of how many messages what else is to be said, by the words in which diagnostics say it."""
 
     def __post_init__(self) -> None:
-        self._left = [_Wheel(name, self.left_direction) for name in self.left_names]
-        self._right = [_Wheel(name, self.right_direction) for name in self.right_names]
+        self.complaint, self.samples = '', 0
+        self._left = [_Wheel(name, float(self.left_direction)) for name in self.left_names]
+        self._right = [_Wheel(name, float(self.right_direction)) for name in self.right_names]
         self._wheels = {wheel.name: wheel for wheel in (*self._left, *self._right)}
         self._renewed: set[str] = set()
         self._happened: set[str] = set()  # with the message at hand
@@ -119,20 +121,39 @@ class WheelFeedback:
         cannot be believed, nothing of the message is taken: the last angles stay, and the next
         message carries the motion.
         """
-        if names == self._usual_names and stamp_ns > self._usual_after_ns:
-            sample = self._usual_sample(positions, stamp_ns)
-            if sample:
-                return sample
+        sample = self.take(names, positions, velocities, stamp_ns)
+        return sample and WheelSample(*sample)
+
+    def take(
+        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
+        stamp_ns: int,
+    ) -> PlainSample | None:
+        """Do what update does, for less."""
+        # As nearly always: two wheels, in the order of the last message, and nothing special. The
+        # same is done as for any other message, by as little code and data as can be: between two
+        # messages the caches forget, and it is what has to be fetched again that costs.
+        if names == self._usual_names and stamp_ns > self._usual_after_ns and len(positions) == 2:
+            value, other_value = positions
+            if -LARGEST < value < LARGEST and -LARGEST < other_value < LARGEST:
+                self.samples += 1
+                self.complaint = ''
+                self._usual_after_ns = stamp_ns
+                wheel, other = self._usual_wheels
+                wheel.angle += wheel.direction * (value - wheel.value)
+                wheel.value, wheel.stamp_ns = value, stamp_ns
+                other.angle += other.direction * (other_value - other.value)
+                other.value, other.stamp_ns = other_value, stamp_ns
+                return self._left[0].angle, self._right[0].angle, stamp_ns, None
         self._usual_names = None
         self._happened.clear()
-        sample = self._take(names, positions, velocities, stamp_ns)
+        sample = self._take_any(names, positions, velocities, stamp_ns)
         self.counts.update(self._happened)
         return sample
 
-    def _take(
+    def _take_any(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
         stamp_ns: int,
-    ) -> WheelSample | None:
+    ) -> PlainSample | None:
         values = positions if self.position_feedback else velocities
         is_whole = True
         turns: list[_Turn] = []
@@ -172,30 +193,7 @@ class WheelFeedback:
         self.counts['unreadable'] += 1
         self.complaint = complaint
 
-    def _usual_sample(self, positions: Sequence[float], stamp_ns: int) -> WheelSample | None:
-        """
-        Return the sample of a message with nothing special about it; None if there is.
-
-        The same is done as for any other, by as little code and data as can be: between two
-        messages the caches forget, and it is what has to be fetched again that costs.
-        """
-        if len(positions) != 2:
-            return None
-        value, other_value = positions
-        if not (abs(value) < LARGEST and abs(other_value) < LARGEST):
-            return None
-        self.samples += 1
-        self.complaint = ''
-        self._usual_after_ns = stamp_ns
-        wheel, other = self._usual_wheels
-        wheel.angle += wheel.direction * (value - wheel.value)
-        wheel.value, wheel.stamp_ns = value, stamp_ns
-        other.angle += other.direction * (other_value - other.value)
-        other.value, other.stamp_ns = other_value, stamp_ns
-        return _wheel_sample(WheelSample, (
-            self._left[0].angle, self._right[0].angle, stamp_ns, None))
-
-    def _sample(self, stamp_ns: int) -> WheelSample:
+    def _sample(self, stamp_ns: int) -> PlainSample:
         self.samples += 1
         self._renewed.clear()
         restarted_ns, self._restarted_ns = self._restarted_ns, None
@@ -204,8 +202,7 @@ class WheelFeedback:
             left += wheel.angle
         for wheel in self._right:
             right += wheel.angle
-        return WheelSample(
-            left / len(self._left), right / len(self._right), stamp_ns, restarted_ns)
+        return left / len(self._left), right / len(self._right), stamp_ns, restarted_ns
 
     def _turn_to(self, wheel: _Wheel, value: float, stamp_ns: int) -> _Turn | None:
         """Return what a value says of a wheel, None if it cannot be believed."""

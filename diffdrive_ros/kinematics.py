@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class DiffDrive:
     """
     A robot on two driven wheels, or two sides of wheels that turn together.

@@ -1,49 +1,40 @@
 """What the node odometry says of itself once a second: warnings on change, and /diagnostics."""
 from collections import Counter
-from collections.abc import Sequence
 import time
 
 from diffdrive_ros.command import CommandPath
 from diffdrive_ros.config import Config
 from diffdrive_ros.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
-from diffdrive_ros.feedback import WheelFeedback
+from diffdrive_ros.odom_publisher import OdomPublisher
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 LONGEST_SILENCE = 2.0  # [s] without a sample of the wheels until it is said
 PARKED = 5.0  # [s] without a command: then it is no news that the wheels are stopped
-MOST_NAMES = 20  # of joints that are not ours, in a message
 
 
 class Monitor:
     """Looks at the paths of feedback and commands once a second, and reports what it sees."""
 
     def __init__(
-        self, node: Node, config: Config, feedback: WheelFeedback, command: CommandPath,
+        self, node: Node, config: Config, odom: OdomPublisher, command: CommandPath,
         is_example: bool,
     ) -> None:
         self._node, self._config, self._is_example = node, config, is_example
-        self._feedback, self._command = feedback, command
-        self.sampled_at = self._looked_at = time.monotonic()
-        """When the last sample of the wheels was taken, on the monotonic clock."""
+        self._odom, self._feedback, self._command = odom, odom.feedback, command
+        self._looked_at = time.monotonic()
         self._samples_then = self._commands_then = 0
         self._sample_rate = self._command_rate = 0.0
         self._holds_then: set[str] = set()
         self._commanded_at = self._looked_at
-        self._names: set[str] = set()
         self._counts_then: Counter[str] = Counter()
         self._said: set[str] = set()
         self._sender = DiagnosticsSender(node)
         node.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def heard_in_vain(self, names: Sequence[str]) -> None:
-        """Take note of a joint message that completed no sample."""
-        if len(self._names) < MOST_NAMES:
-            self._names.update(names)
-
     def silence(self) -> float:
         """Return how long ago the last sample of the wheels was, or the start [s]."""
-        return time.monotonic() - self.sampled_at
+        return time.monotonic() - self._odom.sampled_at
 
     def look_at_holds(self) -> None:
         """Report at once when the wheels begin or cease to be held: it may be over in a moment."""
@@ -79,12 +70,12 @@ class Monitor:
             if not was_heard:
                 return Status('feedback', WARN, 'none yet', figures)
             self._said.discard('silence')
-            self._names.clear()
+            self._odom.heard_in_vain.clear()
             self._counts_then = Counter(self._feedback.counts)
             return Status('feedback', OK, f'{rate:.0f} Hz', figures)
         reason = self._reason_of_silence()
-        is_missed = (
-            was_heard or self._names or self._feedback.counts or self._command.started)
+        is_missed = (was_heard or self._odom.heard_in_vain or self._feedback.counts
+                     or self._command.started)
         if is_missed and 'silence' not in self._said:
             self._said.add('silence')
             self._node.get_logger().warning(f'joint_states: {reason}')
@@ -92,9 +83,9 @@ class Monitor:
 
     def _reason_of_silence(self) -> str:
         counts = self._feedback.counts - self._counts_then
-        if not (self._names or counts):
+        if not (self._odom.heard_in_vain or counts):
             return f'nothing for {LONGEST_SILENCE:g} s'
-        heard, wanted = self._names, self._feedback.waits_for
+        heard, wanted = self._odom.heard_in_vain, self._feedback.waits_for
         reason = f'no usable sample of the wheels for {LONGEST_SILENCE:g} s'
         if not heard.issuperset(wanted):
             reason += f': heard {", ".join(sorted(heard))}; waiting for {", ".join(wanted)}'

@@ -9,7 +9,7 @@ theta not wrapped; twists are [v_x, v_y, omega] in the body frame; SI units.
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
-import math
+from math import cos, isfinite, sin
 
 from diffdrive_ros import se2
 from diffdrive_ros.arguments import Array, finite, not_negative, vectors
@@ -102,7 +102,7 @@ def _follow_block(
         column = poses[:, axis]
         column[1:] = steps
         np.add.accumulate(column, out=column)
-        if not math.isfinite(column[-1]):  # what is not stays in the sum
+        if not isfinite(column[-1]):  # what is not stays in the sum
             bad = int(np.argmin(np.isfinite(column)))
             raise ValueError(
                 f'left, right = {left[bad]}, {right[bad]} after {left[bad - 1]}, '
@@ -187,7 +187,7 @@ def _covariance(name: str, value: npt.ArrayLike) -> Array:
     return matrix
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class WheelNoise:
     """
     How far the wheels' travel over the floor can be trusted: white noise that grows with it.
@@ -207,7 +207,7 @@ class WheelNoise:
             not_negative(field.name, getattr(self, field.name))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class GeometryUncertainty:
     """
     How well the geometry is known: the standard deviation of each measure of DiffDrive, in m.
@@ -304,16 +304,69 @@ class Odometry:
         that are not finite, or so far from the last that the pose or its covariance would not
         be; nothing has changed then.
         """
-        if not (math.isfinite(left) and math.isfinite(right)):
+        if not (isfinite(left) and isfinite(right)):
             raise ValueError(f'left, right = {left!r}, {right!r}: must be finite')
-        if not self._samples:
-            self._samples.append((stamp_ns, left, right, 0.0, 0.0, 0.0))
+        samples = self._samples
+        if not samples:
+            samples.append((stamp_ns, left, right, 0.0, 0.0, 0.0))
             return True
-        last_ns, last_left, last_right, of_left, of_right, of_turn = self._samples[-1]
+        last_ns, last_left, last_right, of_left, of_right, of_turn = samples[-1]
         if stamp_ns <= last_ns:
             return False
-        var_left, var_right, var_turn = self._drive_arc(left - last_left, right - last_right)
-        self._samples.append((
+        left_step, right_step = left - last_left, right - last_right
+        if not (left_step or right_step):
+            samples.append((stamp_ns, left, right, of_left, of_right, of_turn))
+            return True
+        drive, noise = self.drive, self.noise
+        separation = drive.wheel_separation
+        left_travel = drive.left_wheel_radius * left_step
+        right_travel = drive.right_wheel_radius * right_step
+        distance = 0.5 * (right_travel + left_travel)
+        turn = (right_travel - left_travel) / separation
+        if not isfinite(distance * distance + turn * turn):
+            raise ValueError(
+                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be finite')
+        half_turn = 0.5 * turn
+        shrink = sin(half_turn) / half_turn if half_turn else 1.0
+        mid_heading = self._theta + half_turn
+        cos_mid, sin_mid = cos(mid_heading), sin(mid_heading)
+        # The derivatives of the new pose by the distance, a = (ax, ay, 0), and by the turn,
+        # t = (tx, ty, 1); F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that by the old pose.
+        ax, ay = shrink * cos_mid, shrink * sin_mid
+        dx, dy = distance * ax, distance * ay
+        bend = distance * 0.5 * _shrink_rate(half_turn)
+        tx, ty = bend * cos_mid - 0.5 * dy, bend * sin_mid + 0.5 * dx
+        # The noise of the wheels, as variances of distance and turn and their covariance.
+        var_left = noise.left_travel * abs(left_travel)
+        var_right = noise.right_travel * abs(right_travel)
+        var_turn = noise.turn * abs(turn)
+        v_aa = 0.25 * (var_left + var_right)
+        v_at = 0.5 * (var_right - var_left) / separation
+        v_tt = (var_left + var_right) / (separation * separation) + var_turn
+        # P <- F P F^T + v_aa a a^T + v_at (a t^T + t a^T) + v_tt t t^T.
+        p_xx, p_xy, p_xt, p_yy, p_yt, p_tt = self._noise_covariance
+        f_xt, f_yt = p_xt - dy * p_tt, p_yt + dx * p_tt
+        of_ax, of_ay = v_aa * ax + v_at * tx, v_aa * ay + v_at * ty
+        of_tx, of_ty = v_at * ax + v_tt * tx, v_at * ay + v_tt * ty
+        xx = p_xx - dy * (p_xt + f_xt) + of_ax * ax + of_tx * tx
+        yy = p_yy + dx * (p_yt + f_yt) + of_ay * ay + of_ty * ty
+        xy = p_xy + dx * f_xt - dy * p_yt + of_ax * ay + of_tx * ty
+        if not isfinite(xx + yy + p_tt + v_tt):
+            raise ValueError(
+                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
+                'a finite covariance')
+        self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
+        if not self._is_exact:  # a wrong separation is wrong turns; a wrong radius, wrong travel
+            arc = dx, dy, ax, ay, tx, ty
+            self._by_separation = _carried(self._by_separation, 0.0, -turn / separation, arc)
+            self._by_left_radius = _carried(
+                self._by_left_radius, 0.5 * left_step, -left_step / separation, arc)
+            self._by_right_radius = _carried(
+                self._by_right_radius, 0.5 * right_step, right_step / separation, arc)
+        self._x += dx
+        self._y += dy
+        self._theta += turn
+        samples.append((
             stamp_ns, left, right, of_left + var_left, of_right + var_right, of_turn + var_turn))
         return True
 
@@ -410,64 +463,6 @@ class Odometry:
             raise ValueError('geometry_sensitivity: needs a geometry_uncertainty, which is 0')
         return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
 
-    def _drive_arc(self, left: float, right: float) -> tuple[float, float, float]:
-        """
-        Move along the arc of the wheels' increments [rad], and propagate the uncertainty.
-
-        Returns the variances of the left and right travel [m^2] and of the turn [rad^2].
-        """
-        if not (left or right):
-            return 0.0, 0.0, 0.0
-        drive, noise = self.drive, self.noise
-        separation = drive.wheel_separation
-        left_travel = drive.left_wheel_radius * left
-        right_travel = drive.right_wheel_radius * right
-        distance = 0.5 * (right_travel + left_travel)
-        turn = (right_travel - left_travel) / separation
-        if not math.isfinite(distance * distance + turn * turn):
-            raise ValueError(
-                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be finite')
-        half_turn = 0.5 * turn
-        shrink = math.sin(half_turn) / half_turn if half_turn else 1.0
-        cos, sin = math.cos(self._theta + half_turn), math.sin(self._theta + half_turn)
-        dx, dy = distance * shrink * cos, distance * shrink * sin
-        # The derivatives of the new pose by the distance, a = (ax, ay, 0), and by the turn,
-        # t = (tx, ty, 1); F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that by the old pose.
-        ax, ay = shrink * cos, shrink * sin
-        bend = distance * 0.5 * _shrink_rate(half_turn)
-        tx, ty = bend * cos - 0.5 * dy, bend * sin + 0.5 * dx
-        # The noise of the wheels, as variances of distance and turn and their covariance.
-        var_left = noise.left_travel * abs(left_travel)
-        var_right = noise.right_travel * abs(right_travel)
-        var_turn = noise.turn * abs(turn)
-        v_aa = 0.25 * (var_left + var_right)
-        v_at = 0.5 * (var_right - var_left) / separation
-        v_tt = (var_left + var_right) / (separation * separation) + var_turn
-        # P <- F P F^T + v_aa a a^T + v_at (a t^T + t a^T) + v_tt t t^T.
-        p_xx, p_xy, p_xt, p_yy, p_yt, p_tt = self._noise_covariance
-        f_xt, f_yt = p_xt - dy * p_tt, p_yt + dx * p_tt
-        of_ax, of_ay = v_aa * ax + v_at * tx, v_aa * ay + v_at * ty
-        of_tx, of_ty = v_at * ax + v_tt * tx, v_at * ay + v_tt * ty
-        xx = p_xx - dy * (p_xt + f_xt) + of_ax * ax + of_tx * tx
-        yy = p_yy + dx * (p_yt + f_yt) + of_ay * ay + of_ty * ty
-        xy = p_xy + dx * f_xt - dy * p_yt + of_ax * ay + of_tx * ty
-        if not math.isfinite(xx + yy + p_tt + v_tt):
-            raise ValueError(
-                f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
-                'a finite covariance')
-        self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
-        if not self._is_exact:  # a wrong separation is wrong turns; a wrong radius, wrong travel
-            arc = dx, dy, ax, ay, tx, ty
-            self._by_separation = _carried(self._by_separation, 0.0, -turn / separation, arc)
-            self._by_left_radius = _carried(
-                self._by_left_radius, 0.5 * left, -left / separation, arc)
-            self._by_right_radius = _carried(
-                self._by_right_radius, 0.5 * right, right / separation, arc)
-        self._x += dx
-        self._y += dy
-        self._theta += turn
-        return var_left, var_right, var_turn
-
 
 def _matrix(covariance: Triangle) -> Array:
     xx, xy, xt, yy, yt, tt = covariance
@@ -499,4 +494,4 @@ def _shrink_rate(half_turn: float) -> float:
         square = half_turn * half_turn
         return -half_turn / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (
             1.0 - square / 54.0)))
-    return (math.cos(half_turn) - math.sin(half_turn) / half_turn) / half_turn
+    return (cos(half_turn) - sin(half_turn) / half_turn) / half_turn

@@ -1,5 +1,4 @@
 """The node odometry: cmd_vel to wheel commands, joint_states to odom."""
-from collections.abc import Sequence
 import math
 import sys
 import time
@@ -7,26 +6,17 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diffdrive_ros import parameters, spinning
+from diffdrive_ros.clock import steady_ns
 from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.complaints import Complaints
 from diffdrive_ros.config import Config, NOT_FOR_US, RETIRED, SPECS
-from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.lateness import ALIKE_NS, Lateness
 from diffdrive_ros.message_info import with_time_sent
 from diffdrive_ros.monitor import Monitor
-from diffdrive_ros.odometry import Odometry
+from diffdrive_ros.odom_publisher import OdomPublisher
 from diffdrive_ros.pose_message import read_pose
-from diffdrive_ros.transforms import TransformSender
 from diffdrive_ros.wheel_commands import NEWEST_ONLY, of_each, SENDERS
-from diffdrive_ros.wire import (
-    BEFORE_ITS_END,
-    END_OF_TIME_NS,
-    JointStateReader,
-    OdometryWriter,
-    WireError,
-)
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -63,19 +53,12 @@ class OdometryNode(Node):
         except ValueError as error:
             raise spinning.StartError(
                 f'{self.get_fully_qualified_name()} cannot start: {error}') from None
-        self._feedback = WheelFeedback(
-            config.left_wheel_names, config.right_wheel_names,
-            config.position_feedback and not config.open_loop, config.left_wheel_direction,
-            config.right_wheel_direction, config.encoder_wrap, config.max_plausible_wheel_speed)
-        self._odometry = Odometry(
-            config.drive, window=config.velocity_rolling_window_size, noise=config.noise,
-            geometry_uncertainty=config.geometry_uncertainty)
+        self._odom = OdomPublisher(self, config)
         self._command = CommandPath(
             config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
             config.angular_limits, 1.0 / config.command_rate, config.left_wheel_direction,
             config.right_wheel_direction)
         parameters.follow_changes(self, SPECS, self._config_of, self._apply)
-        self._reader = JointStateReader((*config.left_wheel_names, *config.right_wheel_names))
         self._lateness = Lateness(_alike_ns(config.cmd_vel_timeout))
         self._sent = STOP
         self._is_commanding = False
@@ -83,17 +66,14 @@ class OdometryNode(Node):
         self._limits_said: set[str] = set()
         self._command_complaints = Complaints(
             self.get_logger().warning, '{}; wheels stopped')
-        self._feedback_complaints = Complaints(
-            self.get_logger().warning, 'joint_states: {}')
         self._was_simulated = self._is_simulated
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
         self._ticked_at = math.inf  # on the monotonic clock
         self._overdue = 2.0 * self._command.period
-        self._odom_due_ns: int | None = None
         self._create_publishers(config)
         self._create_subscriptions(config)
         self._create_services()
-        self._monitor = Monitor(self, config, self._feedback, self._command, is_example)
+        self._monitor = Monitor(self, config, self._odom, self._command, is_example)
         self._say_what_runs(config, is_example)
 
     def stop_wheels(self) -> None:
@@ -106,18 +86,6 @@ class OdometryNode(Node):
                 publisher.wait_for_all_acked(Duration(seconds=left))
 
     def _create_publishers(self, config: Config) -> None:
-        self._odom_publisher = self.create_publisher(
-            OdometryMessage, 'odom', QoSProfile(depth=10),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        self._writer = OdometryWriter(
-            config.odom_frame, config.base_frame, config.pose_variances, config.twist_variances)
-        self._transforms = None
-        if config.enable_odom_tf:
-            try:
-                self._transforms = TransformSender(self, config.odom_frame, config.base_frame)
-            except ImportError:
-                self.get_logger().info(
-                    'tf2_msgs is not installed: no transform is published; odom has the pose')
         self._sender = SENDERS[config.command_interface](
             self, config.left_wheel_names, config.right_wheel_names)
         self._applied_publisher = None
@@ -140,7 +108,8 @@ class OdometryNode(Node):
         if not config.open_loop:
             self._timer.cancel()  # until the first command: an idle node costs nothing
             self.create_subscription(
-                JointState, 'joint_states', self._on_joint_states, FROM_ANY_DRIVER, raw=True,
+                JointState, 'joint_states', self._odom.on_joint_states, FROM_ANY_DRIVER,
+                raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.create_subscription(
             PoseWithCovarianceStamped, '~/set_pose', self._on_set_pose, QoSProfile(depth=10))
@@ -198,7 +167,7 @@ class OdometryNode(Node):
             self._warn_of_no_timeout(config)
         self._warn_of_limits(config)
         self._config = config
-        self._odometry.drive = self._command.drive = config.drive
+        self._odom.odometry.drive = self._command.drive = config.drive
         self._command.timeout = config.cmd_vel_timeout
         self._lateness.alike_ns = _alike_ns(config.cmd_vel_timeout)
         self._command.max_wheel_speed = config.max_wheel_speed
@@ -218,7 +187,7 @@ class OdometryNode(Node):
                 'ignored')
         late_ns = 0
         if not self._is_simulated:
-            late_ns, believed_ns = self._lateness.of(sent_ns, _steady_ns(), time.time_ns())
+            late_ns, believed_ns = self._lateness.of(sent_ns, steady_ns(), time.time_ns())
             if believed_ns:
                 self._command.counts['taken for another clock'] += 1
                 self.get_logger().warning(
@@ -252,7 +221,7 @@ class OdometryNode(Node):
         """Return the time in which commands age [ns]: simulation time, or a steady clock's."""
         if self._is_simulated:
             return int(self.get_clock().now().nanoseconds)
-        return _steady_ns()
+        return steady_ns()
 
     def _follow_the_clock(self) -> None:
         if self._is_simulated != self._was_simulated:
@@ -267,12 +236,12 @@ class OdometryNode(Node):
         """Send the wheels what holds now; without encoders, take it for what they did."""
         self._ticked_at = now
         self._follow_the_clock()
-        stamp, now_ns = self._now(), self._command_ns()
-        if self._config.open_loop and self._has_stamp(_nanoseconds(stamp)):
+        clock_now, now_ns = self.get_clock().now(), self._command_ns()
+        stamp, stamp_ns = clock_now.to_msg(), clock_now.nanoseconds
+        if self._config.open_loop and self._odom.has_stamp(stamp_ns):
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
             speeds = of_each(joints, self._sent.left, self._sent.right)
-            self._on_wheels(joints, (), speeds, now_ns, _nanoseconds(stamp))
-            self._monitor.sampled_at = now
+            self._odom.take(joints, (), speeds, now_ns, stamp_ns)
         self._hold_where_due(now_ns)
         self._sent = self._command.step(now_ns)
         if self._is_commanding:
@@ -301,93 +270,23 @@ class OdometryNode(Node):
         longest = self._config.stop_on_feedback_loss
         return bool(longest) and self._monitor.silence() > longest
 
-    def _on_joint_states(self, payload: bytes) -> None:
-        try:
-            names, positions, velocities, stamp_ns, all_names = self._reader.read(payload)
-        except WireError as error:
-            self._refuse(f'unreadable: {error}')
-            return
-        if not stamp_ns:
-            self.get_logger().warning(
-                'joint_states come without a stamp: the time of receipt stands in', once=True)
-            stamp_ns = self.get_clock().now().nanoseconds
-            if not self._has_stamp(stamp_ns):
-                return
-        if self._on_wheels(names, positions, velocities, stamp_ns):
-            self._monitor.sampled_at = time.monotonic()
-        else:
-            self._monitor.heard_in_vain(all_names)
-
-    def _on_wheels(
-        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
-        stamp_ns: int, odom_ns: int | None = None,
-    ) -> bool:
-        """
-        Take what the wheels did; return whether that was a sample of all.
-
-        odom_ns is the stamp of odom if it is not the sample's own.
-        """
-        sample = self._feedback.update(names, positions, velocities, stamp_ns)
-        if self._feedback.complaint != self._feedback_complaints.said:
-            self._feedback_complaints.look(self._feedback.complaint)
-        if sample is None:
-            return False
-        left, right, stamp_ns, restarted_ns = sample
-        if restarted_ns is not None:
-            self._odometry.restart(restarted_ns)
-            self._odom_due_ns = None
-        try:
-            is_new = self._odometry.update(left, right, stamp_ns)
-        except ValueError as error:  # a step without bounds, by a noise or geometry without
-            self._refuse(str(error))
-            return False
-        odom_ns = stamp_ns if odom_ns is None else odom_ns
-        if is_new and (not self._config.publish_rate or self._is_due(odom_ns)):
-            estimate = self._odometry.estimate()
-            self._odom_publisher.publish(self._writer.write(odom_ns, estimate))
-            if self._transforms:
-                self._transforms.send(odom_ns, *estimate[0])
-        return True
-
-    def _has_stamp(self, clock_ns: int) -> bool:
-        """Return whether a time of our clock can be the stamp of odom."""
-        if clock_ns < END_OF_TIME_NS:
-            return True
-        self._refuse(f'the clock is at {clock_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
-        return False
-
-    def _refuse(self, complaint: str) -> None:
-        self._feedback.refuse(complaint)
-        self._feedback_complaints.look(complaint)
-
-    def _is_due(self, stamp_ns: int) -> bool:
-        """Return whether odom is to be published for a stamp, at publish_rate."""
-        period_ns = round(1e9 / self._config.publish_rate)
-        if (self._odom_due_ns is None
-                or not self._odom_due_ns - period_ns <= stamp_ns < self._odom_due_ns + period_ns):
-            self._odom_due_ns = stamp_ns  # at the start, after a gap, by a clock that was set
-        if stamp_ns < self._odom_due_ns:
-            return False
-        self._odom_due_ns += period_ns
-        return True
-
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
         try:
             if message.header.frame_id != self._config.odom_frame:
                 raise ValueError(
                     f'frame_id = {message.header.frame_id!r}: must be '
                     f'{self._config.odom_frame!r}')
-            self._odometry.reset(*read_pose(message))
+            self._odom.odometry.reset(*read_pose(message))
         except ValueError as error:
             self.get_logger().warning(
                 f'set_pose was refused: {error}', throttle_duration_sec=1.0)
         else:
-            x, y, theta = self._odometry.pose
+            x, y, theta = self._odom.odometry.pose
             self.get_logger().info(
                 f'pose set to {x:g} m, {y:g} m, {theta:g} rad', throttle_duration_sec=1.0)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        self._odometry.reset()
+        self._odom.odometry.reset()
         response.success, response.message = True, 'the pose is zero'
         return response
 
@@ -404,18 +303,9 @@ class OdometryNode(Node):
         return self.get_clock().now().to_msg()
 
 
-def _steady_ns() -> int:
-    """Return the time since the machine was started [ns], that of its sleep too."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-
-
 def _alike_ns(timeout: float) -> int:
     """Return by how much commands may come late, or clocks be wrong, as if they were not [ns]."""
     return min(ALIKE_NS, round(0.25e9 * timeout)) if timeout else ALIKE_NS
-
-
-def _nanoseconds(stamp: Time) -> int:
-    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
 
 def main() -> None:

@@ -11,9 +11,10 @@ class TransformSender:
         from tf2_msgs.msg import TFMessage
 
         # Absolute and of depth 100, as every broadcaster of transforms has it.
-        self._publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+        publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+        self._publish = publisher.handle.publish_raw  # as in OdomPublisher
         self._writer = TransformWriter(odom_frame, base_frame)
 
     def send(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         """Publish the transform to a pose."""
-        self._publisher.publish(self._writer.write(stamp_ns, x, y, theta))
+        self._publish(self._writer.write(stamp_ns, x, y, theta))

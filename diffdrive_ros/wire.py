@@ -8,16 +8,14 @@ patch the few that change, costs a tenth of what the conversion from and to mess
 """
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
-import math
+from math import cos, sin, sqrt
 from struct import calcsize, Struct, unpack_from
-from typing import Any, NamedTuple
+from typing import Any
 
 from diffdrive_ros.odometry import Estimate, Triangle
 
 # The variance of what wheels do not measure: large, yet such that filters can still invert it.
 UNKNOWN = 1e6
-
-FULL_TURN = 2.0 * math.pi
 
 END_OF_TIME_NS = 2**31 * 1_000_000_000  # of a stamp, whose seconds are of 32 bits with a sign
 BEFORE_ITS_END = 'must be before 2038'
@@ -47,25 +45,19 @@ names, if the message has too few.
 """
 
 
-class _Layout(NamedTuple):
-    """Where a JointState has what, for all that have the same frame, joints and counts."""
+_Layout = tuple[
+    int, Callable[[bytes], tuple[Any, ...]], tuple[Any, ...], Callable[[bytes], tuple[int, int]],
+    Callable[[bytes], tuple[float, ...]], Callable[[bytes], tuple[float, ...]],
+    tuple[str, ...], tuple[str, ...]]
+"""
+Where a JointState has what, for all that have the same frame, joints and counts.
 
-    size: int
-    head: bytes
-    """
-    The frame and the names with their lengths, and what fills up between them.
-
-    That may be anything; a message with other fillings has another layout, which costs time only.
-    """
-    unpack: Callable[[bytes], tuple[Any, ...]]
-    """Returns preamble, stamp, and the count and the wanted ones of each sequence."""
-    preamble: bytes
-    positions_at: int
-    """Where, among what is unpacked, the count of the positions stands."""
-    velocities_at: int
-    counts: tuple[int, int, int]
-    names: tuple[str, ...]
-    all_names: tuple[str, ...]
+The size; what returns all that has to be the same, and what that is: the byte order, the head and
+the count of each sequence; what returns the stamp, the wanted positions and velocities; the wanted
+names and all. The head is the frame and the names with their lengths, and what fills up between
+them. That may be anything; a message with other fillings has another layout, which costs time
+only. A plain tuple, for it is unpacked with each message.
+"""
 
 
 class JointStateReader:
@@ -82,17 +74,14 @@ class JointStateReader:
 
     def read(self, payload: bytes) -> JointReading:
         """Return what a payload says; raises WireError if it is malformed."""
-        for size, head, unpack, preamble, middle, last, counts, names, all_names in self._layouts:
-            if len(payload) != size or not payload.startswith(head, AFTER_STAMP):
-                continue
-            values = unpack(payload)
-            if (values[0] == preamble
-                    and (values[middle], values[last], values[-1]) == counts):
-                stamp_ns = values[1] * 1_000_000_000 + values[2]
+        for (size, fixed_of, fixed, stamp_of, positions_of, velocities_of, names,
+                all_names) in self._layouts:
+            if len(payload) == size and fixed_of(payload) == fixed:
+                seconds, nanoseconds = stamp_of(payload)
+                stamp_ns = seconds * 1_000_000_000 + nanoseconds
                 if stamp_ns >= END_OF_TIME_NS:
-                    raise WireError(f'stamp = {values[1]} s + {values[2]} ns: {BEFORE_ITS_END}')
-                return (
-                    names, values[middle + 1:last], values[last + 1:-1], stamp_ns, all_names)
+                    raise WireError(f'stamp = {seconds} s + {nanoseconds} ns: {BEFORE_ITS_END}')
+                return names, positions_of(payload), velocities_of(payload), stamp_ns, all_names
         self._layouts.appendleft(self._learn(payload))
         return self.read(payload)
 
@@ -100,22 +89,21 @@ class JointStateReader:
         scan = Scan(payload, at=AFTER_STAMP)
         scan.string()
         all_names = tuple([scan.string() for _ in range(scan.count())])
-        head = bytes(payload[AFTER_STAMP:scan.at])
         wanted = [index for index, name in enumerate(all_names) if name in self._wanted]
-        fields = [(0, '2s'), (PREAMBLE, 'i'), (PREAMBLE + 4, 'I')]
-        counts_at = []
-        for of_interest in wanted, wanted, []:  # positions, velocities, efforts
-            counts_at.append(len(fields))
+        fixed = [(0, 'H'), (AFTER_STAMP, f'{scan.at - AFTER_STAMP}s')]
+        sequences = []
+        for _ in 'position', 'velocity', 'effort':
             count = scan.count()
-            fields.append((scan.at - 4, 'I'))
+            fixed.append((scan.at - 4, 'I'))
             start = scan.doubles(count)
-            fields += [(start + 8 * index, 'd') for index in of_interest if index < count]
-        unpack = _struct(scan.byte_order, fields).unpack_from
-        values = unpack(payload)
-        positions_at, velocities_at, _ = counts_at
-        return _Layout(
-            len(payload), head, unpack, values[0], positions_at, velocities_at,
-            (values[positions_at], values[velocities_at], values[-1]),
+            sequences.append([(start + 8 * index, 'd') for index in wanted if index < count])
+        order = scan.byte_order
+        positions, velocities, _ = sequences
+        fixed_of = _struct(order, fixed).unpack_from
+        return (
+            len(payload), fixed_of, fixed_of(payload),
+            _struct(order, [(PREAMBLE, 'i'), (PREAMBLE + 4, 'I')]).unpack_from,
+            _struct(order, positions).unpack_from, _struct(order, velocities).unpack_from,
             tuple([all_names[index] for index in wanted]), all_names)
 
 
@@ -207,27 +195,30 @@ class OdometryWriter:
         twist_variances: Diagonal = None,
     ) -> None:
         self._frames = _frames(len(LITTLE_ENDIAN) + 8, odom_frame, base_frame)
-        self._payload = Struct(
-            f'<4siI{len(self._frames)}s' + _POSE + _COVARIANCE + _TWIST + _COVARIANCE)
+        # In two, for a call with more than 30 arguments goes by way of a list.
+        self._pack_pose = Struct(f'<4siI{len(self._frames)}s' + _POSE + _COVARIANCE).pack
+        self._pack_twist = Struct('<' + _TWIST + _COVARIANCE).pack
         self._pose_covariance, self._pose_unused = _of_diagonal(pose_variances)
         self._twist_covariance, self._twist_unused = _of_diagonal(twist_variances)
 
     def write(self, stamp_ns: int, estimate: Estimate) -> bytes:
         """Return the payload of an estimate."""
         (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
-        half = 0.5 * math.remainder(theta, FULL_TURN)
         xx, xy, xt, yy, yt, tt = self._pose_covariance or pose_covariance
         if not (xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN):
             xx, xy, xt, yy, yt, tt = _capped(xx, xy, xt, yy, yt, tt)
         vv, vs, vw, ss, sw, ww = self._twist_covariance or twist_covariance
         if not (vv <= UNKNOWN and ss <= UNKNOWN and ww <= UNKNOWN):
             vv, vs, vw, ss, sw, ww = _capped(vv, vs, vw, ss, sw, ww)
+        seconds = stamp_ns // 1_000_000_000
+        q_z, q_w = _rotation(theta)
         z, roll, pitch = self._pose_unused
         v_z, v_roll, v_pitch = self._twist_unused
-        return self._payload.pack(
-            LITTLE_ENDIAN, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000, self._frames,
-            x, y, math.sin(half), math.cos(half),
+        return self._pack_pose(
+            LITTLE_ENDIAN, seconds, stamp_ns - seconds * 1_000_000_000, self._frames,
+            x, y, q_z, q_w,
             xx, xy, xt, xy, yy, yt, z, roll, pitch, xt, yt, tt,
+        ) + self._pack_twist(
             linear, angular,
             vv, vs, vw, vs, ss, sw, v_z, v_roll, v_pitch, vw, sw, ww)
 
@@ -238,14 +229,21 @@ class TransformWriter:
     def __init__(self, odom_frame: str, base_frame: str) -> None:
         self._before = LITTLE_ENDIAN + Struct('<I').pack(1)  # transform
         self._frames = _frames(len(self._before) + 8, odom_frame, base_frame)
-        self._payload = Struct(f'<8siI{len(self._frames)}s' + _POSE)
+        self._pack = Struct(f'<8siI{len(self._frames)}s' + _POSE).pack
 
     def write(self, stamp_ns: int, x: float, y: float, theta: float) -> bytes:
         """Return the payload of the transform to a pose."""
-        half = 0.5 * math.remainder(theta, FULL_TURN)
-        return self._payload.pack(
-            self._before, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000, self._frames,
-            x, y, math.sin(half), math.cos(half))
+        seconds = stamp_ns // 1_000_000_000
+        q_z, q_w = _rotation(theta)
+        return self._pack(
+            self._before, seconds, stamp_ns - seconds * 1_000_000_000, self._frames,
+            x, y, q_z, q_w)
+
+
+def _rotation(theta: float) -> tuple[float, float]:
+    """Return z and w of the quaternion of a heading [rad], of the two the one with w >= 0."""
+    q_z, q_w = sin(0.5 * theta), cos(0.5 * theta)
+    return (q_z, q_w) if q_w >= 0.0 else (-q_z, -q_w)
 
 
 def _frames(start: int, *names: str) -> bytes:
@@ -267,6 +265,6 @@ def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, tuple[float, flo
 
 def _capped(xx: float, xy: float, xt: float, yy: float, yt: float, tt: float) -> Triangle:
     """Return a covariance with no variance above UNKNOWN, scaled so that it stays one."""
-    x, y, theta = (math.sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
+    x, y, theta = (sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
     return (min(xx, UNKNOWN), xy * x * y, xt * x * theta, min(yy, UNKNOWN), yt * y * theta,
             min(tt, UNKNOWN))

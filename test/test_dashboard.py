@@ -105,7 +105,7 @@ def test_the_statuses_of_all_nodes_are_listed_by_name_and_renewed_once_a_second(
     from nicegui import Client, ui
 
     statuses, now = {}, 100.0
-    monkeypatch.setattr(clock, 'now', lambda: now)
+    monkeypatch.setattr(clock, 'steady', lambda: now)
 
     def tell(name: str, message: str) -> None:
         statuses[name] = now, DiagnosticStatus(name=name, message=message, level=b'\x01')

@@ -56,7 +56,7 @@ def learn(robot: DashboardRobot) -> None:
 def drive(robot: DashboardRobot) -> None:
     """Let a page drive."""
     for number, asked in enumerate((STOP, AHEAD)):
-        now = clock.now()
+        now = clock.steady()
         robot.publish(robot.pilot.beat('a', Beat(number, now, asked), now))
     assert robot.pilot.is_moving
 
@@ -109,12 +109,12 @@ def test_a_node_of_another_kind_is_named_and_not_asked_all_the_time(
     assert not robot.needs_to_learn
     assert hear_odom().reason_not_to_drive == (
         "/odometry is another node than odometry: it has no parameter 'cmd_vel_timeout'")
-    robot.node.parameters_changed_at = clock.now()
+    robot.node.parameters_changed_at = clock.steady()
     assert robot.needs_to_learn
     robot.node.parameters_changed_at = 0.0
-    later = clock.now() + PATIENCE
+    later = clock.steady() + PATIENCE
     with monkeypatch.context() as patch:
-        patch.setattr(clock, 'now', lambda: later)
+        patch.setattr(clock, 'steady', lambda: later)
         assert robot.needs_to_learn
     station.node.create_publisher(Odometry, 'odom', 1)
     wait_until(lambda: 'not known yet' in hear_odom().reason_not_to_drive)
@@ -330,7 +330,7 @@ def test_a_parameter_that_was_set_is_no_refusal_if_the_node_falls_silent_then(
 
 def test_only_the_odometry_that_is_watched_counts_as_disabled(robot: DashboardRobot) -> None:
     """Not that of another robot on the same network."""
-    status = clock.now(), SimpleNamespace(message=DISABLED)
+    status = clock.steady(), SimpleNamespace(message=DISABLED)
     robot.node.diagnostics['/robot2/odometry: commands'] = status
     robot.node.diagnostics['/odometry2: commands'] = status
     assert not robot.is_disabled

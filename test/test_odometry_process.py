@@ -433,14 +433,16 @@ def test_commands_from_before_a_pause_of_the_process_are_not_driven(
 BROKEN = """
 import sys
 from diffdrive_ros import odometry_node, spinning
+from diffdrive_ros.odom_publisher import OdomPublisher
 
 
-class Broken(odometry_node.OdometryNode):
-    def _on_joint_states(self, joints):
-        raise RuntimeError('broken on purpose')
+def broken(self, payload):
+    raise RuntimeError('broken on purpose')
 
 
-sys.exit(spinning.run('odometry', '', Broken, Broken.stop_wheels))
+OdomPublisher.on_joint_states = broken
+sys.exit(spinning.run(
+    'odometry', '', odometry_node.OdometryNode, odometry_node.OdometryNode.stop_wheels))
 """
 
 

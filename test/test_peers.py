@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from diffdrive_ros import odometry_node
+from diffdrive_ros import odom_publisher
 from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.odometry import integrate
@@ -181,7 +181,7 @@ def test_the_transform_is_sent_only_where_no_filter_sends_it(
         def send(self, stamp: object, x: float, y: float, orientation: object) -> None:
             sent.append((x, y))
 
-    monkeypatch.setattr(odometry_node, 'TransformSender', Sender)
+    monkeypatch.setattr(odom_publisher, 'TransformSender', Sender)
     make(enable_odom_tf=enabled)
     heard = station.hear(Odometry, 'odom')
     station.say_until(lambda: len(heard) > 2, 'joint_states', (

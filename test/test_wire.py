@@ -188,6 +188,24 @@ def estimates(draw: st.DrawFn) -> tuple:
     return pose, covariances[0], draw(st.tuples(finite, finite)), covariances[1]
 
 
+def rotation(theta: float) -> tuple[float, float]:
+    """Return z and w of the rotation by a heading [rad]."""
+    z, w = math.sin(0.5 * theta), math.cos(0.5 * theta)
+    return (z, w) if w >= 0.0 else (-z, -w)
+
+
+@given(finite)
+def test_a_rotation_is_the_heading_and_its_w_is_never_negative(theta: float) -> None:
+    """Each heading has two quaternions; of these one is taken, as by everybody."""
+    estimate = (0.0, 0.0, theta), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    message = deserialize_message(
+        OdometryWriter('o', 'b').write(0, (*estimate, (0.0, 0.0), estimate[1])), OdometryMessage)
+    z, w = message.pose.pose.orientation.z, message.pose.pose.orientation.w
+    assert w >= 0.0
+    assert math.remainder(2.0 * math.atan2(z, w) - theta, 2.0 * math.pi) == pytest.approx(
+        0.0, abs=1e-9)
+
+
 def as_message(stamp_ns: int, odom: str, base: str, estimate: tuple) -> OdometryMessage:
     """Return the message of an estimate, put together field by field."""
     (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
@@ -195,9 +213,8 @@ def as_message(stamp_ns: int, odom: str, base: str, estimate: tuple) -> Odometry
     message.header.frame_id = odom
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
     pose, twist = message.pose.pose, message.twist.twist
-    half = math.remainder(theta, 2.0 * math.pi) / 2.0
     pose.position.x, pose.position.y = x, y
-    pose.orientation.z, pose.orientation.w = math.sin(half), math.cos(half)
+    pose.orientation.z, pose.orientation.w = rotation(theta)
     twist.linear.x, twist.angular.z = linear, angular
     for part, covariance in (message.pose, pose_covariance), (message.twist, twist_covariance):
         matrix = np.diag([0.0, 0.0, 1e6, 1e6, 1e6, 0.0])
@@ -267,10 +284,9 @@ def test_the_transform_is_written_as_rclpy_writes_it(
     transform = TransformStamped(child_frame_id=base)
     transform.header.frame_id = odom
     transform.header.stamp.sec, transform.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-    translation, rotation = transform.transform.translation, transform.transform.rotation
-    half = math.remainder(theta, 2.0 * math.pi) / 2.0
+    translation, turned = transform.transform.translation, transform.transform.rotation
     translation.x, translation.y = x, y
-    rotation.z, rotation.w = math.sin(half), math.cos(half)
+    turned.z, turned.w = rotation(theta)
     assert is_tf_message(written, transform)
 
 
