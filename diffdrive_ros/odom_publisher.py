@@ -59,7 +59,7 @@ class OdomPublisher:
             except ImportError:
                 node.get_logger().info(
                     'tf2_msgs is not installed: no transform is published; odom has the pose')
-        self._period_ns = round(1e9 / config.publish_rate) if config.publish_rate else 0
+        self._period_ns = round(1e9 / config.publish_rate) if config.publish_rate else None
         self._due_ns: int | None = None
 
     def on_joint_states(self, payload: bytes) -> None:
@@ -90,7 +90,7 @@ class OdomPublisher:
         """
         sample = self.feedback.take(names, positions, velocities, stamp_ns)
         complaint = self.feedback.complaint
-        if complaint or self._complaints.said:
+        if complaint != self._complaints.said:
             self._complaints.look(complaint)
         if sample is None:
             return False
@@ -106,10 +106,10 @@ class OdomPublisher:
         self.sampled_at = monotonic()
         if odom_ns is None:
             odom_ns = sample_ns
-        if is_new and (not self._period_ns or self._is_due(odom_ns)):
+        if is_new and (self._period_ns is None or self._is_due(odom_ns, self._period_ns)):
             estimate = self.odometry.estimate()
             self._publish(self._writer.write(odom_ns, estimate))
-            if self._transforms:
+            if self._transforms is not None:
                 x, y, theta = estimate[0]
                 self._transforms.send(odom_ns, x, y, theta)
         return True
@@ -125,9 +125,8 @@ class OdomPublisher:
         self.feedback.refuse(complaint)
         self._complaints.look(complaint)
 
-    def _is_due(self, stamp_ns: int) -> bool:
-        """Return whether odom is to be published for a stamp, at publish_rate."""
-        period_ns = self._period_ns
+    def _is_due(self, stamp_ns: int, period_ns: int) -> bool:
+        """Return whether odom is to be published for a stamp."""
         if (self._due_ns is None
                 or not self._due_ns - period_ns <= stamp_ns < self._due_ns + period_ns):
             self._due_ns = stamp_ns  # at the start, after a gap, by a clock that was set

@@ -314,7 +314,7 @@ class Odometry:
         if stamp_ns <= last_ns:
             return False
         left_step, right_step = left - last_left, right - last_right
-        if not (left_step or right_step):
+        if left_step == 0.0 and right_step == 0.0:
             samples.append((stamp_ns, left, right, of_left, of_right, of_turn))
             return True
         drive, noise = self.drive, self.noise
@@ -327,14 +327,20 @@ class Odometry:
             raise ValueError(
                 f'travel = {left_travel!r}, {right_travel!r} m in one step: must be finite')
         half_turn = 0.5 * turn
-        shrink = sin(half_turn) / half_turn if half_turn else 1.0
+        shrink = sin(half_turn) / half_turn if half_turn != 0.0 else 1.0
+        if -0.1 < half_turn < 0.1:  # its derivative to 5e-14, by the series where the rest cancels
+            square = half_turn * half_turn
+            shrink_rate = -half_turn / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (
+                1.0 - square / 54.0)))
+        else:
+            shrink_rate = (cos(half_turn) - shrink) / half_turn
         mid_heading = self._theta + half_turn
         cos_mid, sin_mid = cos(mid_heading), sin(mid_heading)
         # The derivatives of the new pose by the distance, a = (ax, ay, 0), and by the turn,
         # t = (tx, ty, 1); F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that by the old pose.
         ax, ay = shrink * cos_mid, shrink * sin_mid
         dx, dy = distance * ax, distance * ay
-        bend = distance * 0.5 * _shrink_rate(half_turn)
+        bend = 0.5 * distance * shrink_rate
         tx, ty = bend * cos_mid - 0.5 * dy, bend * sin_mid + 0.5 * dx
         # The noise of the wheels, as variances of distance and turn and their covariance.
         var_left = noise.left_travel * abs(left_travel)
@@ -412,10 +418,9 @@ class Odometry:
 
     def estimate(self) -> Estimate:
         """Return all of the above in plain floats, as a message wants it, in one go."""
-        then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = (
-            self._samples[0] if self._samples else NOTHING_YET)
-        now_ns, left, right, var_left, var_right, var_turn = (
-            self._samples[-1] if self._samples else NOTHING_YET)
+        samples = self._samples or [NOTHING_YET]
+        then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = samples[0]
+        now_ns, left, right, var_left, var_right, var_turn = samples[-1]
         left, right = left - left_then, right - right_then
         var_left, var_right = var_left - var_left_then, var_right - var_right_then
         var_turn -= var_turn_then
@@ -486,12 +491,3 @@ def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:
     x, y, theta = by
     vx, vy, vt = variance * x, variance * y, variance * theta
     return xx + vx * x, xy + vx * y, xt + vx * theta, yy + vy * y, yt + vy * theta, tt + vt * theta
-
-
-def _shrink_rate(half_turn: float) -> float:
-    """Return the derivative of sin(a) / a to 5e-14, by its series where the rest cancels."""
-    if abs(half_turn) < 0.1:
-        square = half_turn * half_turn
-        return -half_turn / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (
-            1.0 - square / 54.0)))
-    return (cos(half_turn) - sin(half_turn) / half_turn) / half_turn

@@ -126,7 +126,7 @@ def _spin(
     try:
         while not stop:
             # Not spin(): that of EventsExecutor hangs in rclpy before 7.1.8.
-            executor.spin_once(timeout_sec=0.5)
+            executor.spin_once(0.5)
             if keep_time:
                 keep_time(node)
     finally:

@@ -59,6 +59,9 @@ them. That may be anything; a message with other fillings has another layout, wh
 only. A plain tuple, for it is unpacked with each message.
 """
 
+_NOTHING = Struct('').unpack_from
+NO_LAYOUT: _Layout = (-1, _NOTHING, (), Struct('iI').unpack_from, _NOTHING, _NOTHING, (), ())
+
 
 class JointStateReader:
     """
@@ -71,19 +74,28 @@ class JointStateReader:
     def __init__(self, wanted: Collection[str]) -> None:
         self._wanted = frozenset(wanted)
         self._layouts: deque[_Layout] = deque(maxlen=MOST_LAYOUTS)
+        self._last = NO_LAYOUT
 
     def read(self, payload: bytes) -> JointReading:
         """Return what a payload says; raises WireError if it is malformed."""
-        for (size, fixed_of, fixed, stamp_of, positions_of, velocities_of, names,
-                all_names) in self._layouts:
+        size, fixed_of, fixed, stamp_of, positions_of, velocities_of, names, all_names = self._last
+        if len(payload) != size or fixed_of(payload) != fixed:
+            self._last = self._layout_of(payload)
+            return self.read(payload)
+        seconds, nanoseconds = stamp_of(payload)
+        stamp_ns = seconds * 1_000_000_000 + nanoseconds
+        if stamp_ns >= END_OF_TIME_NS:
+            raise WireError(f'stamp = {seconds} s + {nanoseconds} ns: {BEFORE_ITS_END}')
+        return names, positions_of(payload), velocities_of(payload), stamp_ns, all_names
+
+    def _layout_of(self, payload: bytes) -> _Layout:
+        for layout in self._layouts:
+            size, fixed_of, fixed, *_ = layout
             if len(payload) == size and fixed_of(payload) == fixed:
-                seconds, nanoseconds = stamp_of(payload)
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds
-                if stamp_ns >= END_OF_TIME_NS:
-                    raise WireError(f'stamp = {seconds} s + {nanoseconds} ns: {BEFORE_ITS_END}')
-                return names, positions_of(payload), velocities_of(payload), stamp_ns, all_names
-        self._layouts.appendleft(self._learn(payload))
-        return self.read(payload)
+                return layout
+        layout = self._learn(payload)
+        self._layouts.appendleft(layout)
+        return layout
 
     def _learn(self, payload: bytes) -> _Layout:
         scan = Scan(payload, at=AFTER_STAMP)
@@ -184,7 +196,8 @@ def _struct(byte_order: str, fields: Iterable[tuple[int, str]]) -> Struct:
 # Of doubles; an x is a byte that stays zero. Of those in space, the ones in the plane are wanted.
 _POSE = 'dd24xdd'  # x, y, z; the rotation's x, y, z, w
 _TWIST = 'd32xd'  # linear x, y, z; angular x, y, z
-_COVARIANCE = 'dd24xd' 'dd24xd' '16xd24x' '24xd16x' '32xd8x' 'dd24xd'  # rows of six
+_UNUSED = Struct('<' '16xd24x' '24xd16x' '32xd8x')  # the middle rows of a covariance of six
+_COVARIANCE = 'dd24xd' 'dd24xd' f'{_UNUSED.size}s' 'dd24xd'
 
 
 class OdometryWriter:
@@ -195,32 +208,32 @@ class OdometryWriter:
         twist_variances: Diagonal = None,
     ) -> None:
         self._frames = _frames(len(LITTLE_ENDIAN) + 8, odom_frame, base_frame)
-        # In two, for a call with more than 30 arguments goes by way of a list.
-        self._pack_pose = Struct(f'<4siI{len(self._frames)}s' + _POSE + _COVARIANCE).pack
-        self._pack_twist = Struct('<' + _TWIST + _COVARIANCE).pack
+        self._pack = Struct(
+            f'<4siI{len(self._frames)}s' + _POSE + _COVARIANCE + _TWIST + _COVARIANCE).pack
         self._pose_covariance, self._pose_unused = _of_diagonal(pose_variances)
         self._twist_covariance, self._twist_unused = _of_diagonal(twist_variances)
 
     def write(self, stamp_ns: int, estimate: Estimate) -> bytes:
         """Return the payload of an estimate."""
         (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
-        xx, xy, xt, yy, yt, tt = self._pose_covariance or pose_covariance
+        if self._pose_covariance is not None:
+            pose_covariance = self._pose_covariance
+        xx, xy, xt, yy, yt, tt = pose_covariance
         if not (xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN):
             xx, xy, xt, yy, yt, tt = _capped(xx, xy, xt, yy, yt, tt)
-        vv, vs, vw, ss, sw, ww = self._twist_covariance or twist_covariance
+        if self._twist_covariance is not None:
+            twist_covariance = self._twist_covariance
+        vv, vs, vw, ss, sw, ww = twist_covariance
         if not (vv <= UNKNOWN and ss <= UNKNOWN and ww <= UNKNOWN):
             vv, vs, vw, ss, sw, ww = _capped(vv, vs, vw, ss, sw, ww)
         seconds = stamp_ns // 1_000_000_000
         q_z, q_w = _rotation(theta)
-        z, roll, pitch = self._pose_unused
-        v_z, v_roll, v_pitch = self._twist_unused
-        return self._pack_pose(
+        return self._pack(  # not more than 30 arguments, for more would go by way of a list
             LITTLE_ENDIAN, seconds, stamp_ns - seconds * 1_000_000_000, self._frames,
             x, y, q_z, q_w,
-            xx, xy, xt, xy, yy, yt, z, roll, pitch, xt, yt, tt,
-        ) + self._pack_twist(
+            xx, xy, xt, xy, yy, yt, self._pose_unused, xt, yt, tt,
             linear, angular,
-            vv, vs, vw, vs, ss, sw, v_z, v_roll, v_pitch, vw, sw, ww)
+            vv, vs, vw, vs, ss, sw, self._twist_unused, vw, sw, ww)
 
 
 class TransformWriter:
@@ -255,12 +268,12 @@ def _frames(start: int, *names: str) -> bytes:
     return text + bytes(-(start - PREAMBLE + len(text)) % 8)
 
 
-def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, tuple[float, float, float]]:
-    """Return the covariance in the plane, and the variances of z, roll and pitch."""
+def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, bytes]:
+    """Return the covariance in the plane, and the rows of z, roll and pitch as bytes."""
     if variances is None:
-        return None, (UNKNOWN, UNKNOWN, UNKNOWN)
+        return None, _UNUSED.pack(UNKNOWN, UNKNOWN, UNKNOWN)
     x, y, z, roll, pitch, yaw = (variance or UNKNOWN for variance in variances)
-    return (x, 0.0, 0.0, y, 0.0, yaw), (z, roll, pitch)
+    return (x, 0.0, 0.0, y, 0.0, yaw), _UNUSED.pack(z, roll, pitch)
 
 
 def _capped(xx: float, xy: float, xt: float, yy: float, yt: float, tt: float) -> Triangle:

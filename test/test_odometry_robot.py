@@ -205,9 +205,10 @@ def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
     node = make(publish_rate=10.0)
     hour = 3600 * 10**9
     start = 10**18
-    due = [node._odom._is_due(start + k * 50_000_000) for k in range(5)]
+    due = [node._odom._is_due(start + k * 50_000_000, 10**8) for k in range(5)]
     assert due == [True, False, True, False, True]
-    before = [node._odom._is_due(start - hour + k * 50_000_000) for k in range(3)]
+    before = [
+        node._odom._is_due(start - hour + k * 50_000_000, 10**8) for k in range(3)]
     assert before == [True, False, True]
 
 
