@@ -1,6 +1,5 @@
 """What was measured, as tables and as a picture: doc/performance.md and doc/performance.png."""
 from dataclasses import dataclass
-import importlib.util
 import os
 from pathlib import Path
 import platform
@@ -54,17 +53,15 @@ def _caveats(results: Results) -> str:
     noise = max(
         max(each['cpu_us'] for each in rounds) / min(each['cpu_us'] for each in rounds)
         for by_name in results.round_trips.values() for rounds in by_name.values())
-    tf = 'with' if importlib.util.find_spec('tf2_msgs') else 'without'
     varied = '' if results.rounds == 1 else (
         ' CPU a message of the same candidate differed between rounds by a factor of up to '
         f'{noise:.2f}: trust the ratios that far.')
     return (
         f'Measured on {os.cpu_count()} cores of {model[1] if model else platform.machine()}, '
         f'Linux {platform.release().split("-")[0]}, Python {platform.python_version()}, numpy '
-        f'{np.__version__}, {os.environ.get("RMW_IMPLEMENTATION", "the default RMW")}, {tf} '
-        f'tf2_msgs (with it, the node publishes `/tf` too). Medians over {results.rounds} '
-        f'rounds of {results.seconds:g} s; the driver ran on the same cores; the load before was '
-        f'{results.load:.1f}.{varied}')
+        f'{np.__version__}, {os.environ.get("RMW_IMPLEMENTATION", "the default RMW")}. '
+        f'Medians over {results.rounds} rounds of {results.seconds:g} s; the driver ran on the '
+        f'same cores; the load before was {results.load:.1f}.{varied}')
 
 
 def _round_trips(results: Results) -> str:
