@@ -8,7 +8,7 @@ theta not wrapped; twists are [v_x, v_y, omega] in the body frame; SI units.
 """
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from math import cos, isfinite, sin
 
 from diffdrive_ros import se2
@@ -267,8 +267,10 @@ class Odometry:
             raise ValueError(f'window = {window!r}: must be an integer of 1 or more')
         self.drive = drive
         self.noise = noise or WheelNoise()
-        self._known = geometry_uncertainty or GeometryUncertainty()
-        self._is_exact = self._known == GeometryUncertainty()
+        known = geometry_uncertainty or GeometryUncertainty()
+        self._is_exact = known == GeometryUncertainty()
+        self._geometry_variances = tuple(  # not **2, which raises where this is infinite
+            known_to * known_to for known_to in astuple(known))
         self._samples: deque[_Sample] = deque(maxlen=window + 1)
         self.reset(_pose('start', start))
 
@@ -290,10 +292,9 @@ class Odometry:
         # What the noise did to the pose: the upper triangle of its covariance in the odom frame.
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = spread.tolist()
         self._noise_covariance = xx, xy, xt, yy, yt, tt
-        # What an error of the geometry does to it: derivatives, the columns of the sensitivity.
-        self._by_separation: Column = ORIGIN
-        self._by_left_radius: Column = ORIGIN
-        self._by_right_radius: Column = ORIGIN
+        # What an error of the geometry does to it: the columns of the sensitivity, by the
+        # separation, the left and the right radius, one after the other.
+        self._sensitivity = (*ORIGIN, *ORIGIN, *ORIGIN)
 
     def update(self, left: float, right: float, stamp_ns: int) -> bool:
         """
@@ -363,12 +364,17 @@ class Odometry:
                 'a finite covariance')
         self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
         if not self._is_exact:  # a wrong separation is wrong turns; a wrong radius, wrong travel
-            arc = dx, dy, ax, ay, tx, ty
-            self._by_separation = _carried(self._by_separation, 0.0, -turn / separation, arc)
-            self._by_left_radius = _carried(
-                self._by_left_radius, 0.5 * left_step, -left_step / separation, arc)
-            self._by_right_radius = _carried(
-                self._by_right_radius, 0.5 * right_step, right_step / separation, arc)
+            # s <- F s + along a + around t, by the distance and by the turn that came of it.
+            sx, sy, st, lx, ly, lt, rx, ry, rt = self._sensitivity
+            s_around = -turn / separation
+            l_along, l_around = 0.5 * left_step, -left_step / separation
+            r_along, r_around = 0.5 * right_step, right_step / separation
+            self._sensitivity = (
+                sx - dy * st + s_around * tx, sy + dx * st + s_around * ty, st + s_around,
+                lx - dy * lt + l_along * ax + l_around * tx,
+                ly + dx * lt + l_along * ay + l_around * ty, lt + l_around,
+                rx - dy * rt + r_along * ax + r_around * tx,
+                ry + dx * rt + r_along * ay + r_around * ty, rt + r_around)
         self._x += dx
         self._y += dy
         self._theta += turn
@@ -435,15 +441,21 @@ class Odometry:
         sideways = 0.25 * (var_left + var_right)
         pose_covariance = self._noise_covariance
         if not self._is_exact:  # a wrong radius is wrong travel; a wrong separation, wrong turns
-            known = self._known
-            for deviation, column in (
-                    (known.wheel_separation, self._by_separation),
-                    (known.left_wheel_radius, self._by_left_radius),
-                    (known.right_wheel_radius, self._by_right_radius)):
-                pose_covariance = _spread(pose_covariance, deviation * deviation, column)
-            var_left += (known.left_wheel_radius * left)**2
-            var_right += (known.right_wheel_radius * right)**2
-            var_turn += (known.wheel_separation * turn / separation)**2
+            s_var, l_var, r_var = self._geometry_variances
+            # P + sum of variance s s^T, over the columns s.
+            sx, sy, st, lx, ly, lt, rx, ry, rt = self._sensitivity
+            xx, xy, xt, yy, yt, tt = pose_covariance
+            pose_covariance = (
+                xx + s_var * sx * sx + l_var * lx * lx + r_var * rx * rx,
+                xy + s_var * sx * sy + l_var * lx * ly + r_var * rx * ry,
+                xt + s_var * sx * st + l_var * lx * lt + r_var * rx * rt,
+                yy + s_var * sy * sy + l_var * ly * ly + r_var * ry * ry,
+                yt + s_var * sy * st + l_var * ly * lt + r_var * ry * rt,
+                tt + s_var * st * st + l_var * lt * lt + r_var * rt * rt)
+            relative_turn = turn / separation
+            var_left += l_var * left * left
+            var_right += r_var * right * right
+            var_turn += s_var * relative_turn * relative_turn
         along = 0.25 * (var_left + var_right)
         cross = 0.5 * (var_right - var_left) / separation
         turning = (var_left + var_right) / (separation * separation) + var_turn
@@ -466,28 +478,9 @@ class Odometry:
         """
         if self._is_exact:
             raise ValueError('geometry_sensitivity: needs a geometry_uncertainty, which is 0')
-        return np.array([self._by_separation, self._by_left_radius, self._by_right_radius]).T
+        return np.reshape(self._sensitivity, (3, 3)).T
 
 
 def _matrix(covariance: Triangle) -> Array:
     xx, xy, xt, yy, yt, tt = covariance
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
-
-
-def _carried(
-    by: Column, along: float, around: float,
-    arc: tuple[float, float, float, float, float, float],
-) -> Column:
-    """Return s <- F s + along a + around t: the derivative s of the pose, after another arc."""
-    x, y, theta = by
-    dx, dy, ax, ay, tx, ty = arc
-    return (x - dy * theta + along * ax + around * tx, y + dx * theta + along * ay + around * ty,
-            theta + around)
-
-
-def _spread(covariance: Triangle, variance: float, by: Column) -> Triangle:
-    """Return P + variance u u^T: what an error of this variance adds to P, u its derivative."""
-    xx, xy, xt, yy, yt, tt = covariance
-    x, y, theta = by
-    vx, vy, vt = variance * x, variance * y, variance * theta
-    return xx + vx * x, xy + vx * y, xt + vx * theta, yy + vy * y, yt + vy * theta, tt + vt * theta
