@@ -50,7 +50,8 @@ class OdomPublisher:
         publisher = node.create_publisher(
             OdometryMessage, 'odom', QoSProfile(depth=10),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        # What Publisher.publish calls for bytes, without its look at their type, which is dear.
+        # What Publisher.publish calls for bytes; its look at their type and its guard against
+        # being destroyed meanwhile are dear, and needless where one thread does both.
         self._publish = publisher.handle.publish_raw
         self._transforms = None
         if config.enable_odom_tf:

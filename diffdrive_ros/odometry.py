@@ -234,8 +234,6 @@ LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
 # A pose that is given with more is not known; propagated, it would soon not be finite.
 LARGEST_VARIANCE = 1e12  # [m^2], [rad^2]
 
-Column = tuple[float, float, float]
-"""A derivative of the pose [x, y, theta] in the odom frame."""
 Triangle = tuple[float, float, float, float, float, float]
 """The upper triangle of a covariance of [x, y, theta] or its rates: xx, xy, xt, yy, yt, tt."""
 
@@ -245,7 +243,7 @@ Triangle = tuple[float, float, float, float, float, float]
 _Sample = tuple[int, float, float, float, float, float]
 NOTHING_YET: _Sample = (0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-Estimate = tuple[Column, Triangle, tuple[float, float], Triangle]
+Estimate = tuple[tuple[float, float, float], Triangle, tuple[float, float], Triangle]
 """Pose and its covariance, twist [v_x, omega] and the covariance of [v_x, v_y, omega]."""
 
 
@@ -269,8 +267,7 @@ class Odometry:
         self.noise = noise or WheelNoise()
         known = geometry_uncertainty or GeometryUncertainty()
         self._is_exact = known == GeometryUncertainty()
-        self._geometry_variances = tuple(  # not **2, which raises where this is infinite
-            known_to * known_to for known_to in astuple(known))
+        self._geometry_variances = tuple(std * std for std in astuple(known))
         self._samples: deque[_Sample] = deque(maxlen=window + 1)
         self.reset(_pose('start', start))
 

@@ -268,7 +268,7 @@ class OdometryNode(Node):
 
     def _feedback_is_lost(self) -> bool:
         longest = self._config.stop_on_feedback_loss
-        return bool(longest) and self._monitor.silence() > longest
+        return bool(longest) and not self._config.open_loop and self._monitor.silence() > longest
 
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
         try:

@@ -88,6 +88,11 @@ def killer(patch: Path, tests: Iterable[str], top: Path) -> str:
     """Return the test that fails by an assertion when a patch is applied to a copy."""
     copy(top)
     apply(patch.read_text(), top)
+    names = subprocess.run(
+        [sys.executable, '-m', 'ruff', 'check', '--isolated', '--quiet', '--select', 'F821',
+         'diffdrive_ros'], cwd=top, stdout=subprocess.PIPE, text=True)
+    if names.returncode:
+        raise MutantError(f'has names that are not defined: {names.stdout.strip()}')
     found = failures(tests, top)
     for test, reason in found.items():
         if reason.startswith(ASSERTIONS):

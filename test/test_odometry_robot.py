@@ -575,6 +575,21 @@ def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
     assert 90 <= next(ticks) - first < 115
 
 
+def test_without_encoders_nothing_is_held_for_their_silence(
+        station: Station, make: Make, said: Said) -> None:
+    """Also where simulation time stands for longer than they might be silent."""
+    node = make(open_loop=True, use_sim_time=True, stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    clock = Clock()
+    clock.clock.sec = 5
+    station.say_until(
+        lambda: node.get_clock().now().nanoseconds, '/clock', itertools.repeat(clock))
+    station.say_until(
+        lambda: node._monitor.silence() > 0.3 and node._command.counts['commands'] > 9,
+        'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
+    assert 'joint_states' not in node._command.complaint
+    assert 'no usable joint_states' not in said()
+
+
 def test_the_last_zero_is_waited_for(station: Station, make: Make) -> None:
     """On every topic of the wheels, and after it was sent."""
     node = make(command_interface='per_wheel')
