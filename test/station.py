@@ -167,6 +167,6 @@ def joints(stamp_ns: int, **angles: float) -> JointState:
     return message
 
 
-def stamp_ns(message: Odometry) -> int:
+def stamp_ns(message: Odometry | JointState) -> int:
     """Return the stamp of a message [ns]."""
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
