@@ -40,6 +40,7 @@ KINDS = {
 
 CLONE_NEWNET = 0x40000000  # <linux/sched.h>, here and below where Python has no name for it
 SOL_PACKET, PACKET_VNET_HDR, PACKET_OUTGOING, ETH_P_ALL = 263, 15, 4, 3
+SO_RCVBUFFORCE = 33
 
 
 class HostsError(Exception):
@@ -167,6 +168,8 @@ def _end(host: str) -> socket.socket:
     end = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETH_P_ALL))
     # Frames come with what their sender left to its hardware, such as checksums, and go on so.
     end.setsockopt(SOL_PACKET, PACKET_VNET_HDR, 1)
+    # Room for what comes while a busy machine lets the cable wait.
+    end.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 24)
     end.bind((host, 0))
     return end
 
