@@ -13,7 +13,8 @@ from diffdrive_ros.robot_processes import RobotEndedError, RobotProcesses
 from diffdrive_ros.web_guard import address, WebGuard
 from nicegui import app, Client, ui
 
-WATCH, PICTURE, NUMBERS, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 0.2, 1.0  # [s] between two
+WATCH, PICTURE, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 1.0  # [s] between two
+PICTURES = 4  # of which one brings the numbers too, so that a browser draws both at once
 RECONNECT = 3.0  # [s] after which a page that lost its connection is forgotten
 
 
@@ -25,13 +26,14 @@ class Server:
         self._robot = DashboardRobot(node)
         self._processes = processes
         self._pages: dict[str, Page] = {}
+        self._shown = 0
         self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
         """Begin to keep them; in the loop of the server."""
         for period, act in (
-                (WATCH, self._watch), (PICTURE, self._picture), (NUMBERS, self._numbers),
-                (LEARN, self._learn), (SURROUNDINGS, self._surroundings)):
+                (WATCH, self._watch), (PICTURE, self._picture), (LEARN, self._learn),
+                (SURROUNDINGS, self._surroundings)):
             self._tasks.append(asyncio.get_running_loop().create_task(_every(period, act)))
 
     def welcome(self, client: Client) -> None:
@@ -62,12 +64,11 @@ class Server:
 
     async def _picture(self) -> None:
         self._robot.look()
+        self._shown += 1
         for page in list(self._pages.values()):
             page.show(clock.steady())
-
-    async def _numbers(self) -> None:
-        for page in list(self._pages.values()):
-            page.refresh()
+            if self._shown % PICTURES == 0:
+                page.refresh()
 
     async def _surroundings(self) -> None:
         if self._processes:
@@ -119,7 +120,8 @@ def serve(
         ui.run(
             host=host, port=port, reload=False, show=False, show_welcome_message=False,
             dark=None, message_history_length=0, reconnect_timeout=RECONNECT,
-            timeout_graceful_shutdown=1)
+            timeout_graceful_shutdown=1,
+            ws_per_message_deflate=False)  # pictures are small, and it costs more than they do
     finally:
         server.close()
         spinner.close()

@@ -94,4 +94,6 @@ def test_an_ellipse_is_that_of_the_covariance(long, share, angle):
 
 def test_what_is_no_covariance_has_no_ellipse():
     assert of_covariance([[math.nan, 0.0], [0.0, 1.0]]) is None
+    assert of_covariance([[math.inf, 0.0], [0.0, 1.0]]) is None
     assert of_covariance([[-1.0, 0.0], [0.0, 1.0]]) is None
+    assert of_covariance([[1.0, 2.0], [2.0, 1.0]]) is None
