@@ -373,14 +373,16 @@ def test_a_command_is_on_the_wheels_within_two_slow_periods(
     assert first - sent_at < 2.0 * 0.2
 
 
-@pytest.mark.parametrize('topic', ['joint_states', 'odometry/set_pose'])
+@pytest.mark.parametrize('topic', [
+    'joint_states', 'odometry/set_pose', 'odometry/get_parameters'])
 def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: str) -> None:
     """More messages of any kind than can be read: the watchdog comes first."""
     start('odometry_node')
     heard = drive(station)
     flood = subprocess.Popen([sys.executable, '-c', FLOOD, topic], stdout=subprocess.DEVNULL)
     try:
-        wait_until(lambda: station.node.count_publishers(topic))
+        wait_until(lambda: (
+            station.node.count_publishers(topic) or station.node.count_clients(topic)))
         for _ in range(50):
             station.say('cmd_vel', twist(0.2, 0.7))
             time.sleep(0.02)
@@ -403,12 +405,18 @@ FLOOD = """
 import sys
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 rclpy.init()
 node = rclpy.create_node('flood')
+if sys.argv[1] == 'odometry/get_parameters':
+    client = node.create_client(GetParameters, sys.argv[1])
+    request = GetParameters.Request(names=['wheel_radius'] * 100)
+    while True:
+        client.call_async(request)
 if sys.argv[1] == 'joint_states':
     message = JointState(name=['left_wheel_joint', 'right_wheel_joint'], position=[0.0, 0.0])
 else:
