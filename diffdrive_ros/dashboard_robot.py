@@ -100,9 +100,10 @@ class DashboardRobot:
 
         Not by joint_states: to hear them too would cost the robot as much as all else here.
         """
-        if self.twist is None:
+        twist = self.twist
+        if twist is None:
             return None
-        left, right = map(float, self.drive.wheel_speeds(*self.twist))
+        left, right = map(float, self.drive.wheel_speeds(*twist))
         return left, right
 
     @property

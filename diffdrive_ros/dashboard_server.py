@@ -63,12 +63,16 @@ class Server:
         self._robot.publish(self._robot.pilot.watch(clock.steady()))
 
     async def _picture(self) -> None:
-        self._robot.look()
-        self._shown += 1
-        for page in list(self._pages.values()):
-            page.show(clock.steady())
+        try:
+            self._robot.look()
+        finally:  # whatever is wrong with a message, the pages tell what is known
+            self._shown += 1
+            pages = list(self._pages.values())
+            for page in pages:
+                page.show(clock.steady())
             if self._shown % PICTURES == 0:
-                page.refresh()
+                for page in pages:
+                    page.refresh()
 
     async def _surroundings(self) -> None:
         if self._processes:

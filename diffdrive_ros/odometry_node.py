@@ -1,6 +1,4 @@
 """The node odometry: cmd_vel to wheel commands, joint_states to odom."""
-from collections.abc import Callable
-import functools
 import math
 import sys
 import time
@@ -70,11 +68,11 @@ class OdometryNode(Node):
             self.get_logger().warning, '{}; wheels stopped')
         self._was_simulated = self._is_simulated
         self._clock_ns, self._clock_moved_at = -1, time.monotonic()
-        self._ticked_at = self._overdue_at = math.inf  # on the monotonic clock
+        self._ticked_at = math.inf  # on the monotonic clock
+        self._overdue = 2.0 * self._command.period
         self._create_publishers(config)
         self._create_subscriptions(config)
         self._create_services()
-        self._keep_time()
         self._monitor = Monitor(self, config, self._odom, self._command, is_example)
         self._say_what_runs(config, is_example)
 
@@ -206,33 +204,17 @@ class OdometryNode(Node):
         self._is_commanding = True
         if self._timer.is_canceled():
             self._timer.reset()
-            self._has_ticked(time.monotonic())
+            self._ticked_at = time.monotonic()
 
-    def _keep_time(self) -> None:
-        """
-        Have each callback do the timer's work after its own if that is overdue.
-
-        An executor that is flooded by messages or requests may keep its timers waiting for long.
-        """
-        def then_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-            @functools.wraps(callback)
-            def call(*arguments: Any) -> Any:
-                result = callback(*arguments)
-                if time.monotonic() > self._overdue_at:
-                    self._tick(time.monotonic())
-                return result
-
-            return call
-
-        for each in (*self.subscriptions, *self.services):
-            each.callback = then_look(each.callback)  # type: ignore[attr-defined]
-
-    def _has_ticked(self, now: float) -> None:
-        self._ticked_at, self._overdue_at = now, now + 2.0 * self._command.period
+    def keep_time(self) -> None:
+        """Do the timer's work if it is overdue; to be called between two callbacks."""
+        now = time.monotonic()
+        if now - self._ticked_at > self._overdue:
+            self._tick(now)
 
     def _on_timer(self) -> None:
         now = time.monotonic()
-        if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see _keep_time
+        if not 0.0 < now - self._ticked_at < 0.25 * self._command.period:  # see keep_time
             self._tick(now)
 
     def _command_ns(self) -> int:
@@ -252,7 +234,7 @@ class OdometryNode(Node):
 
     def _tick(self, now: float) -> None:
         """Send the wheels what holds now; without encoders, take it for what they did."""
-        self._has_ticked(now)
+        self._ticked_at = now
         self._follow_the_clock()
         clock_now, now_ns = self.get_clock().now(), self._command_ns()
         stamp, stamp_ns = clock_now.to_msg(), clock_now.nanoseconds
@@ -331,7 +313,7 @@ def main() -> None:
     sys.exit(spinning.run(
         'odometry', __doc__,
         lambda: OdometryNode(parameter_file=spinning.has_parameter_file()),
-        OdometryNode.stop_wheels))
+        OdometryNode.stop_wheels, keep_time=OdometryNode.keep_time))
 
 
 if __name__ == '__main__':
