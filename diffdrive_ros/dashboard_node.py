@@ -1,7 +1,7 @@
 """The dashboard's ear and hand on ROS: what it hears is kept raw and opened when it is drawn."""
 import asyncio
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 import threading
 from typing import Any
@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 ASLEEP, AWAKE = 0.018, 0.002  # [s]
@@ -25,6 +26,7 @@ ASLEEP, AWAKE = 0.018, 0.002  # [s]
 # Best effort: the node that is watched has nobody more to wait for or to send to again.
 WATCHING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NEWEST_ONLY = QoSProfile(depth=1)
+WHEELS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 LONGEST_ANSWER = 3.0  # [s] that a service may take
 LONGEST_LAST_WORD = 0.5  # [s] to wait until the last stop was heard
@@ -69,6 +71,29 @@ class Heard:
         self._raw, self._at = raw, clock.steady()
 
 
+class HeardJoints:
+    """The newest speed of each joint, whoever tells it and with whichever others."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._raw: deque[tuple[float, bytes]] = deque(maxlen=WHEELS.depth)
+        self._speeds: dict[str, tuple[float, float]] = {}
+        node.create_subscription(JointState, topic, self._take, WHEELS, raw=True)
+
+    def speeds(self, recent: float) -> Mapping[str, float]:
+        """Return the finite speeds that were told within the last seconds [rad/s]."""
+        while self._raw:
+            at, raw = self._raw.popleft()
+            message = deserialize_message(raw, JointState)
+            for name, speed in zip(message.name, message.velocity, strict=False):
+                if math.isfinite(speed):
+                    self._speeds[name] = at, speed
+        now = clock.steady()
+        return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
+
+    def _take(self, raw: bytes) -> None:
+        self._raw.append((clock.steady(), raw))
+
+
 class DashboardNode(Node):
     """
     Hears the robot, and commands it when the page says so.
@@ -84,6 +109,7 @@ class DashboardNode(Node):
             else f'{self.get_namespace().rstrip("/")}/{odometry}')
         self.odom = Heard(self, Odometry, 'odom')
         self.truth = Heard(self, Odometry, 'ground_truth')
+        self.joints = HeardJoints(self, 'joint_states')
         self.applied = Heard(self, TwistStamped, f'{odometry}/cmd_vel_out')
         self.diagnostics: dict[str, tuple[float, Any]] = {}
         self.commands_status = f'{self.watched}: commands'

@@ -35,6 +35,7 @@ class DashboardRobot:
         self.other_commanders: Sequence[str] = ()
         self.odom: Pose | None = None
         self.truth: Pose | None = None
+        self.wheels: tuple[float, float] | None = None
         self.ellipse: tuple[float, float, float] | None = None
         self.arrivals = 0
         """How often somebody began to publish odom: it may be another robot each time."""
@@ -45,6 +46,8 @@ class DashboardRobot:
         self._enabled_at = 0.0
         self._refused: str | None = None
         self._frame = 'odom'
+        self._joints: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+        self._directions = (1.0, 1.0)
 
     def publish(self, twist: Twist | None) -> None:
         """Publish what the pilot decided."""
@@ -79,6 +82,7 @@ class DashboardRobot:
             self.truth = pose_of(truth.message)
             if self.truth:
                 self.tracks['truth'].add(*self.truth[:2])
+        self.wheels = self._wheel_speeds()
 
     def look_around(self) -> None:
         """Take in who is there; slower than what they say."""
@@ -92,19 +96,6 @@ class DashboardRobot:
             return None
         measured = self.node.odom.message.twist.twist
         return measured.linear.x, measured.angular.z
-
-    @property
-    def wheels(self) -> tuple[float, float] | None:
-        """
-        Return the speed of each side, forward positive [rad/s], by odom.
-
-        Not by joint_states: to hear them too would cost the robot as much as all else here.
-        """
-        twist = self.twist
-        if twist is None:
-            return None
-        left, right = map(float, self.drive.wheel_speeds(*twist))
-        return left, right
 
     @property
     def asked(self) -> Twist | None:
@@ -231,6 +222,9 @@ class DashboardRobot:
         for name in ('cmd_vel_timeout', 'publish_rate'):
             float(values[name])  # numbers, as the reasons not to drive take for granted
         self.drive = parameters.drive(values)
+        self._joints = parameters.wheel_names(values)
+        self._directions = (
+            float(values['left_wheel_direction']), float(values['right_wheel_direction']))
         self.node.prepare(bool(values['enable_stamped_cmd_vel']))
 
     @property
@@ -256,6 +250,21 @@ class DashboardRobot:
             self._refused = refused
             reason = reason or hold_in(status)
         return reason
+
+    def _wheel_speeds(self) -> tuple[float, float] | None:
+        """Return the mean speed of each side, forward positive [rad/s]; by odom if need be."""
+        told = self.node.joints.speeds(RECENT)
+        sides = [[told[name] for name in names if name in told] for names in self._joints]
+        if all(sides):
+            left, right = (
+                direction * sum(side) / len(side)
+                for side, direction in zip(sides, self._directions, strict=True))
+            return left, right
+        twist = self.twist
+        if twist is None:
+            return None
+        left, right = map(float, self.drive.wheel_speeds(*twist))
+        return left, right
 
 
 def hold_in(status: Any) -> str:

@@ -125,7 +125,7 @@ def serve(
             host=host, port=port, reload=False, show=False, show_welcome_message=False,
             dark=None, message_history_length=0, reconnect_timeout=RECONNECT,
             timeout_graceful_shutdown=1,
-            ws_per_message_deflate=False)  # pictures are small, and it costs more than they do
+            ws_per_message_deflate=False)  # pictures are small
     finally:
         server.close()
         spinner.close()

@@ -11,7 +11,7 @@ def of_covariance(covariance: Sequence[Sequence[float]]) -> tuple[float, float, 
     Return both semi-axes [m], the longer first, and the direction [rad] of the longer one.
 
     Of the 95 % ellipse of a covariance of x and y, (2, 2); None if it is none. By the double
-    angle of the principal axes, in plain floats: for one matrix, numpy's eigh costs a hundredfold.
+    angle of the principal axes, in plain floats: numpy's eigh costs ten times that for one matrix.
     """
     (xx, xy), (yx, yy) = covariance
     mean, difference, shared = 0.5 * (xx + yy), 0.5 * (xx - yy), 0.5 * (xy + yx)

@@ -197,10 +197,36 @@ def test_in_open_loop_the_first_command_comes_before_the_first_odom(
     assert robot.reason_not_to_drive == ''
 
 
-def test_the_wheels_turn_as_the_robot_moves(
+def speeds(**wheels: float) -> JointState:
+    """Return a message with speeds of joints [rad/s] by their names, and no positions."""
+    return JointState(name=list(wheels), velocity=[float(speed) for speed in wheels.values()])
+
+
+@pytest.mark.parametrize('messages', [
+    [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0)],
+    [speeds(left_wheel_joint=5.0), speeds(right_wheel_joint=6.0)],
+    [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0), speeds(elbow=1.0),
+     JointState(name=['left_wheel_joint'], position=[1.0])]])
+def test_the_wheels_are_told_however_their_messages_are_cut(
+        station: Station, make: Callable[..., OdometryNode], robot: DashboardRobot,
+        messages: list[JointState]) -> None:
+    """In one, each in its own, or beside those of an arm."""
+    make()
+    learn(robot)
+
+    def is_told() -> bool:
+        for message in messages:
+            station.say('joint_states', message, listeners=2)
+        robot.look()
+        return robot.wheels == (5.0, 6.0)
+
+    wait_until(is_told, pause=0.02)
+
+
+def test_wheels_that_tell_no_speeds_turn_as_the_robot_moves(
         make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot],
         station: Station) -> None:
-    """By its odometry; and where that is silent, nothing is told."""
+    """By its odometry; and where that is silent too, nothing is told."""
     make()
     robot = hear_odom()
     learn(robot)
