@@ -6,6 +6,7 @@ from importlib.util import find_spec
 import itertools
 import os
 from pathlib import Path
+import signal
 import tempfile
 
 from diffdrive_ros.odometry_node import OdometryNode
@@ -20,6 +21,9 @@ settings.load_profile('suite')
 # Read when a context is made: for the tests and for the processes that they start.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a field of a wrong type raises
+
+# What nohup has ignored, the processes that they start would ignore too, and nodes honour that.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # Domains whose ports are free of Linux's ephemeral ones; each worker begins elsewhere.
 WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
