@@ -1,9 +1,12 @@
 """Calibration on a real robot under motion capture: OptiOdom, see optiodom.py."""
 from diffdrive_ros.calibration import calibrate
+from diffdrive_ros.kinematics import DiffDrive
+from diffdrive_ros.odometry import integrate
 import numpy as np
 import optiodom
 from optiodom import CIRCULAR, drives, median_final_error, NOMINAL, OTHER_SQUARE, SQUARE
 import pytest
+from scipy import optimize
 
 pytestmark = pytest.mark.skipif(
     not optiodom.DATA.is_dir(),
@@ -70,6 +73,27 @@ def test_circles_and_squares_together_carry_over_to_other_squares():
     assert median_final_error(found.drive, CIRCULAR) <= 0.025
     # The squares of one set end as near as those that were fitted.
     assert median_final_error(found.drive, SQUARE) <= 0.020
+
+
+def plain_fit(*sets):
+    """Return the least squares over all positions of whole drives, their starts taken as exact."""
+    runs = [run for recordings in sets for run in drives(recordings)]
+
+    def errors(geometry):
+        drive = DiffDrive(*geometry)
+        return np.concatenate([
+            (integrate(drive, run.left, run.right, run.reference[0]) - run.reference)[::20, :2]
+            for run in runs], axis=None)
+
+    start = [NOMINAL.wheel_separation, NOMINAL.left_wheel_radius, NOMINAL.right_wheel_radius]
+    return DiffDrive(*optimize.least_squares(errors, start, x_scale=start).x)
+
+
+@pytest.mark.parametrize(('squares', 'others'), [(SQUARE, OTHER_SQUARE), (OTHER_SQUARE, SQUARE)])
+def test_two_kinds_of_drives_carry_over_further_than_by_a_plain_fit(squares, others):
+    found = calibrate(drives(CIRCULAR) + drives(squares), NOMINAL, keep_all=True)
+    plain = plain_fit(CIRCULAR, squares)
+    assert median_final_error(found.drive, others) < 0.9 * median_final_error(plain, others)
 
 
 def test_the_capture_has_its_own_clock_and_marker(circular):
