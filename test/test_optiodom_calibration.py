@@ -67,8 +67,16 @@ def test_geometry_and_noise_of_one_set_give_another_a_true_covariance(by_set, fi
     assert 0.4 <= optiodom.mean_nees(by_set[fitted_on], judged) <= 2.0
 
 
-def test_circles_and_squares_together_carry_over_to_other_squares():
-    found = calibrate(drives(CIRCULAR) + drives(SQUARE), NOMINAL, keep_all=True)
+@pytest.fixture(scope='module')
+def by_circles_and():
+    """Return the calibrations by the circles and one set of squares."""
+    return {
+        squares: calibrate(drives(CIRCULAR) + drives(squares), NOMINAL, keep_all=True)
+        for squares in (SQUARE, OTHER_SQUARE)}
+
+
+def test_circles_and_squares_together_carry_over_to_other_squares(by_circles_and):
+    found = by_circles_and[SQUARE]
     assert median_final_error(found.drive, OTHER_SQUARE) <= 0.026
     assert median_final_error(found.drive, CIRCULAR) <= 0.025
     # The squares of one set end as near as those that were fitted.
@@ -76,7 +84,7 @@ def test_circles_and_squares_together_carry_over_to_other_squares():
 
 
 def plain_fit(*sets):
-    """Return the least squares over all positions of whole drives, their starts taken as exact."""
+    """Return the least squares over positions of whole drives, their starts taken as exact."""
     runs = [run for recordings in sets for run in drives(recordings)]
 
     def errors(geometry):
@@ -90,9 +98,9 @@ def plain_fit(*sets):
 
 
 @pytest.mark.parametrize(('squares', 'others'), [(SQUARE, OTHER_SQUARE), (OTHER_SQUARE, SQUARE)])
-def test_two_kinds_of_drives_carry_over_further_than_by_a_plain_fit(squares, others):
-    found = calibrate(drives(CIRCULAR) + drives(squares), NOMINAL, keep_all=True)
-    plain = plain_fit(CIRCULAR, squares)
+def test_two_kinds_of_drives_carry_over_further_than_by_a_plain_fit(
+        by_circles_and, squares, others):
+    found, plain = by_circles_and[squares], plain_fit(CIRCULAR, squares)
     assert median_final_error(found.drive, others) < 0.9 * median_final_error(plain, others)
 
 
