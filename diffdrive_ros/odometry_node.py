@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diffdrive_ros import parameters, spinning
+from diffdrive_ros import out_of_turn, parameters, spinning
 from diffdrive_ros.clock import steady_ns
 from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.complaints import Complaints
@@ -100,10 +100,10 @@ class OdometryNode(Node):
             1.0 / config.command_rate, self._on_timer,
             clock=Clock(clock_type=ClockType.STEADY_TIME))
         if config.enable_stamped_cmd_vel:
-            self.create_subscription(
+            self._cmd_vel = self.create_subscription(
                 TwistStamped, 'cmd_vel', with_time_sent(self._on_twist_stamped), NEWEST_ONLY)
         else:
-            self.create_subscription(
+            self._cmd_vel = self.create_subscription(
                 Twist, 'cmd_vel', with_time_sent(self._on_twist), NEWEST_ONLY)
         if not config.open_loop:
             self._timer.cancel()  # until the first command: an idle node costs nothing
@@ -116,7 +116,7 @@ class OdometryNode(Node):
 
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/reset_odometry', self._on_reset)
-        self.create_service(SetBool, '~/enable', self._on_enable)
+        self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
 
     def _say_what_runs(self, config: Config, is_example: bool) -> None:
         parameters.say_unknown_names(self, SPECS, RETIRED, NOT_FOR_US)
@@ -208,9 +208,10 @@ class OdometryNode(Node):
 
     def keep_time(self) -> None:
         """Do the timer's work if it is overdue; to be called between two callbacks."""
-        now = time.monotonic()
-        if now - self._ticked_at > self._overdue:
-            self._tick(now)
+        if time.monotonic() - self._ticked_at > self._overdue:
+            out_of_turn.take_message(self._cmd_vel)
+            out_of_turn.take_request(self._enable)
+            self._tick(time.monotonic())
 
     def _on_timer(self) -> None:
         now = time.monotonic()

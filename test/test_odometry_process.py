@@ -1,6 +1,6 @@
 """The node odometry as a process: how it starts, how it refuses to, and how it stops."""
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import itertools
 import math
 import os
@@ -25,6 +25,7 @@ from station import (
     twist,
     wait_until,
 )
+from std_srvs.srv import SetBool
 
 Start = Callable[..., Process]
 
@@ -379,10 +380,7 @@ def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: 
     """More messages of any kind than can be read: the watchdog comes first."""
     start('odometry_node')
     heard = drive(station)
-    flood = subprocess.Popen([sys.executable, '-c', FLOOD, topic], stdout=subprocess.DEVNULL)
-    try:
-        wait_until(lambda: (
-            station.node.count_publishers(topic) or station.node.count_clients(topic)))
+    with flood(station, topic):
         for _ in range(50):
             station.say('cmd_vel', twist(0.2, 0.7))
             time.sleep(0.02)
@@ -396,12 +394,52 @@ def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: 
         assert all(is_zero(message) for at, message in sent() if at > due_at)
         moments = [at for at, _ in sent()]
         assert max(b - a for a, b in itertools.pairwise(moments)) < 0.5  # it was seconds
+
+
+@pytest.mark.parametrize(('topic', 'by_service'), [
+    ('joint_states', False), ('odometry/set_pose', False), ('odometry/set_pose', True)])
+def test_a_stop_that_is_asked_for_once_does_not_wait_behind_a_flood(
+        station: Station, start: Start, topic: str, by_service: bool) -> None:
+    """A single zero command, or ~/enable, while no watchdog is due: it was seconds."""
+    process = start('odometry_node', cmd_vel_timeout=0.0)
+    heard = drive(station)
+    with flood(station, topic):
+        time.sleep(2.0)  # what it takes to have seconds of it wait
+        asked_at = time.time()
+        if by_service:
+            station.node.create_client(SetBool, 'odometry/enable').call_async(
+                SetBool.Request(data=False))
+        else:
+            station.say('cmd_vel', twist(0.0, 0.0))
+        wait_until(lambda: is_zero(heard[-1][1]))
+    first = next(stamp_ns(message) * 1e-9 for _, message in heard if is_zero(message))
+    assert first - asked_at < 3.0 * PERIOD + LATE
+    # Its turn comes all the same, and finds nothing.
+    if by_service:
+        station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
+    station.say_until(
+        lambda: not is_zero(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert 'Traceback' not in process.output
+
+
+@contextmanager
+def flood(station: Station, topic: str) -> Iterator[None]:
+    """Have a process say as much as it can to the node."""
+    process = subprocess.Popen([sys.executable, '-c', FLOOD, topic], stdout=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: (
+            station.node.count_publishers(topic) or station.node.count_clients(topic)))
+        yield
     finally:
-        flood.kill()
-        flood.wait()
+        process.kill()
+        process.wait()
 
 
 FLOOD = """
+import itertools
+import struct
 import sys
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -423,13 +461,10 @@ else:
     message = PoseWithCovarianceStamped()
     message.header.frame_id, message.pose.pose.orientation.w = 'odom', 1.0
 publisher = node.create_publisher(type(message), sys.argv[1], 50)
-messages = []
-for k in range(1000):
-    message.header.stamp.sec, message.header.stamp.nanosec = 1, k
-    messages.append(serialize_message(message))
-while True:
-    for each in messages:
-        publisher.publish(each)
+payload = bytearray(serialize_message(message))
+for k in itertools.count():
+    struct.pack_into('<iI', payload, 4, k // 10**9, k % 10**9)  # the stamp: each is newer
+    publisher.publish(bytes(payload))
 """
 
 

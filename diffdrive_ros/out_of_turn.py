@@ -1,0 +1,27 @@
+"""
+What must not wait for its turn: commands and requests that stop the robot.
+
+EventsExecutor works off what has come in the order in which it came. Where more comes than can be
+worked off, that order is one of seconds, and longer with each second.
+"""
+from typing import Any
+
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+
+def take_message(subscription: Subscription) -> None:
+    """Give a callback that wants the time of sending the message that waits, if there is one."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is not None:
+        subscription.callback(*taken)
+
+
+def take_request(service: Service) -> None:
+    """Answer the request that waits, if there is one."""
+    kind: Any = service.srv_type
+    with service.handle:
+        request, header = service.handle.service_take_request(kind.Request)
+    if header is not None:
+        service.send_response(service.callback(request, kind.Response()), header)
