@@ -141,8 +141,8 @@ def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
 def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
     """Return the parameters of the robot with what was found put in."""
     deviations = [
-        float(deviation) or before or by_hand for deviation, before, by_hand in zip(
-            found.deviations, astuple(robot.uncertainty), BY_HAND, strict=True)]
+        deviation or before or by_hand for deviation, before, by_hand in zip(
+            astuple(found.uncertainty), astuple(robot.uncertainty), BY_HAND, strict=True)]
     return dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
@@ -185,10 +185,16 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
             f'{name + " [mm]":24}{1e3 * getattr(before, name):12.3f}'
             f'{1e3 * getattr(drive, name):12.3f}{spread:>12}')
     lines += [f'not observed: {what}; as before' for what in found.not_observed]
+    if deviations[0]:
+        lines.append(
+            f'separation by drive    {1e3 * found.separation_spread:.2f} mm of spread; '
+            f'± {1e3 * found.uncertainty.wheel_separation:.2f} mm for a drive to come, maybe of '
+            'another kind')
     lines += [
         f'noise of the wheels    {travel} m^2/m of their travel, {turn} rad^2/rad of the turn',
         f'noise of the reference {1e3 * found.position_std:.2g} mm, '
-        f'{1e3 * found.heading_std:.2g} mrad, {1e3 * found.time_std:.2g} ms',
+        f'{1e3 * found.heading_std:.2g} mrad, {1e3 * found.time_std:.2g} ms; for seconds '
+        f'{1e3 * found.slow_position_std:.2g} mm, {1e3 * found.slow_heading_std:.2g} mrad',
         'marker on the robot    ' + ', '.join(
             f'{1e3 * value:.2f} ± {1e3 * spread:.2f} {unit}' for value, spread, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
@@ -222,7 +228,7 @@ def compared(log: Log, robot: Robot, found: 'Calibration', time_offset: float) -
     known_ns = first_compared(log.samples, log.reference, time_offset)
     return compare(
         replay(robot, log.samples, every, known_ns), log.reference, marker=found.marker,
-        time_offset=time_offset, reference_std=(found.position_std, found.heading_std))
+        time_offset=time_offset, reference_std=found.reference_std)
 
 
 def judge(
@@ -426,13 +432,15 @@ def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]
         'left_wheel_radius': found.drive.left_wheel_radius,
         'right_wheel_radius': found.drive.right_wheel_radius,
         'covariance': listed(found.covariance),
+        'separation_spread': found.separation_spread,
         'not_observed': list(found.not_observed),
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
         'turn_variance': found.noise.turn,
         'reference': {
             'position_std': found.position_std, 'heading_std': found.heading_std,
-            'time_std': found.time_std, 'marker': listed(found.marker),
+            'time_std': found.time_std, 'slow_position_std': found.slow_position_std,
+            'slow_heading_std': found.slow_heading_std, 'marker': listed(found.marker),
             'marker_std': listed(found.marker_std)},
         'drives': [
             {'name': each.name, 'time_offset': errors.time_offset, 'left_out': each.outlier,

@@ -7,13 +7,16 @@ drives, as the marker's place on the robot is; the start pose and the offset of 
 drive. The errors are not independent: the wheels' noise adds up along the drive. So the residuals
 of a whole drive are weighed by their full covariance,
 
-    C = travel C_travel + turn C_turn
-        + position^2 C_position + heading^2 C_heading + time^2 C_time ,
+    C = travel C_travel + turn C_turn + separation^2 C_separation
+        + position^2 C_position + heading^2 C_heading + time^2 C_time
+        + slow_position^2 C_slow_position + slow_heading^2 C_slow_heading ,
 
-the first two as Odometry propagates them, then the capture's own noise and the jitter of its
-stamps. The sizes are those that make the data the likeliest, the degrees of freedom that the fit
-takes away being accounted for (restricted maximum likelihood: Patterson and Thompson, Biometrika
-58, 1971). Poses that the others contradict count less, by Huber's rule.
+the first two as Odometry propagates them; then, as one error a drive, by how much its separation
+differs from that of all: tyres roll round a bend otherwise than they turn on the spot; then the
+capture's own noise, the jitter of its stamps, and what it is off by for seconds. The sizes are
+those that make the data the likeliest, the degrees of freedom that the fit takes away being
+accounted for (restricted maximum likelihood: Patterson and Thompson, Biometrika 58, 1971). Poses
+that the others contradict count less, by Huber's rule.
 """
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -41,6 +44,13 @@ ROUGHER = 4.0  # or whose own noise is this many times that of the others, in va
 
 # What cannot be known this well, relative to itself, is taken for not observed.
 OBSERVED = 0.1
+
+# How much the separation differs, relative to itself, between kinds of motion, if the drives show
+# no more: those of one kind cannot. Borenstein and Feng (1996) speak of up to a hundredth.
+KINDS = 0.003
+
+# For how long the capture is off by about the same [s].
+SLOWLY = 2.0
 
 MEASURES = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
 
@@ -140,16 +150,21 @@ class Calibration:
     """
     The geometry with its covariance, (3, 3), in the order of MEASURES, and the noise.
 
-    not_observed says in words what the drives could not tell; it keeps its nominal value. marker
-    is the pose of the marker in the body frame, and marker_std its deviations, (3,).
+    separation_spread [m] is by how much the separation differs from drive to drive. The capture's
+    noise is of each pose, slow_ of what it is off by for seconds. not_observed says in words what
+    the drives could not tell; it keeps its nominal value. marker is the pose of the marker in the
+    body frame, and marker_std its deviations, (3,).
     """
 
     drive: DiffDrive
     covariance: Array
     noise: WheelNoise
+    separation_spread: float
     position_std: float
     heading_std: float
     time_std: float
+    slow_position_std: float
+    slow_heading_std: float
     marker: Array
     marker_std: Array
     not_observed: tuple[str, ...]
@@ -161,9 +176,23 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def predictive_covariance(self) -> Array:
+        """Return the covariance of the geometry of a drive to come, maybe of another kind."""
+        covariance = self.covariance.copy()
+        if covariance[0, 0]:
+            covariance[0, 0] += max(self.separation_spread, KINDS * self.drive.wheel_separation)**2
+        return covariance
+
+    @property
     def uncertainty(self) -> GeometryUncertainty:
-        """Return how well the geometry is known, for Odometry."""
-        return GeometryUncertainty(*self.deviations.tolist())
+        """Return how well the geometry of a drive to come is known, for Odometry."""
+        return GeometryUncertainty(*np.sqrt(np.diag(self.predictive_covariance)).tolist())
+
+    @property
+    def reference_std(self) -> tuple[float, float]:
+        """Return the deviations of a pose of the reference, in position [m] and heading [rad]."""
+        return (math.hypot(self.position_std, self.slow_position_std),
+                math.hypot(self.heading_std, self.slow_heading_std))
 
 
 def calibrate(
@@ -208,8 +237,10 @@ def clock_offset(drive: Drive, found: Calibration) -> float:
     fit = _Fit([drive], found.drive, Terms(marker=False))
     fit.free, fit.marker = (), found.marker
     fit.variances = np.array([
-        found.noise.left_travel, found.noise.turn, found.position_std**2, found.heading_std**2,
-        found.time_std**2])
+        found.noise.left_travel, found.noise.turn,
+        (found.separation_spread / found.drive.wheel_separation)**2, found.position_std**2,
+        found.heading_std**2, found.time_std**2, found.slow_position_std**2,
+        found.slow_heading_std**2])
     (state,) = fit.states
     state.start = se2.compose(state.drive.reference[0], se2.inverse(found.marker))
     try:
@@ -240,7 +271,7 @@ _MARKER_PRIOR = (0.3, 0.3, 3.0)  # [m, m, rad]
 _OFFSET_PRIOR = 0.2  # [s]
 
 # Variances: where the search starts, and how far it goes at a time, in their logarithms.
-_STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-5, 1e-5])
+_STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-6, 1e-5, 1e-5, 1e-6, 1e-5])
 _LEAP = math.log(4.0)
 _LEAST = 0.02 * _STARTS
 
@@ -275,7 +306,7 @@ class _Linear:
     residuals: Array
     local: Array
     common: Array
-    components: Array  # (5, n, n)
+    components: Array  # (8, n, n)
 
 
 @dataclass
@@ -387,6 +418,7 @@ class _Fit:
         moves = np.tile(np.eye(3), (count, 1, 1))
         moves[:, 0, 2], moves[:, 1, 2] = -(seen - poses)[:, 1], (seen - poses)[:, 0]
         geometry = moves @ linear.by_geometry @ _by_logarithms(self.drive)
+        by_separation = geometry[:, :, 0].ravel()
         common, local = [geometry[:, :, self.free]], [moves @ linear.by_start]
         if self.terms.marker:
             turned = np.tile(np.eye(3), (count, 1, 1))
@@ -404,12 +436,17 @@ class _Fit:
         steps = np.einsum('mij,mj->mi', linear.by_steps[:, :, :2], slips)
         seen_slips = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])[asked]
         residuals += np.einsum('kij,kj->ki', from_origin, seen_slips)
+        position, heading = np.diag([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 1.0])
+        apart = np.abs(np.subtract.outer(drive.reference_seconds, drive.reference_seconds))
         components = np.stack([
             _walk(from_origin, linear.left_noise + linear.right_noise),
             _walk(from_origin, linear.turn_noise),
-            _blocks(np.tile(np.diag([1.0, 1.0, 0.0]), (count, 1, 1)), state.weights),
-            _blocks(np.tile(np.diag([0.0, 0.0, 1.0]), (count, 1, 1)), state.weights),
+            np.outer(by_separation, by_separation),
+            _blocks(np.tile(position, (count, 1, 1)), state.weights),
+            _blocks(np.tile(heading, (count, 1, 1)), state.weights),
             _blocks(rate[:, :, np.newaxis] * rate[:, np.newaxis, :], state.weights),
+            np.kron(np.exp(-apart / SLOWLY), position),
+            np.kron(np.exp(-apart / SLOWLY), heading),
         ])
         rows = residuals.size
         return _Linear(
@@ -594,13 +631,15 @@ class _Fit:
         free, solution, drive = list(self.free), self.solution, self.drive
         by_logarithms = _by_logarithms(drive)[:, free]
         covariance = by_logarithms @ solution.covariance[:len(free), :len(free)] @ by_logarithms.T
-        travel, turn, position, heading, time = self.variances.tolist()
+        travel, turn, *squares = self.variances.tolist()
+        separation, position, heading, time, slow_position, slow_heading = map(math.sqrt, squares)
         states = iter(self.states)
         has_marker = self.terms.marker
         return Calibration(
             drive=drive, covariance=covariance, noise=WheelNoise(travel, travel, turn),
-            position_std=math.sqrt(position), heading_std=math.sqrt(heading),
-            time_std=math.sqrt(time), marker=self.marker,
+            separation_spread=separation * drive.wheel_separation, position_std=position,
+            heading_std=heading, time_std=time, slow_position_std=slow_position,
+            slow_heading_std=slow_heading, marker=self.marker,
             marker_std=np.sqrt(np.diag(solution.covariance)[-3:]) if has_marker else np.zeros(3),
             not_observed=self.not_observed,
             drives=tuple(

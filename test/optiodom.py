@@ -58,6 +58,8 @@ def mean_nees(found, recordings):
     """
     scores = []
     capture = np.diag(np.square([found.position_std, found.position_std, found.heading_std]))
+    slow = np.diag(np.square(
+        [found.slow_position_std, found.slow_position_std, found.slow_heading_std]))
     for run in drives(recordings):
         linear = linearize(found.drive, run.left, run.right)
         body = se2.compose(run.reference, se2.inverse(found.marker))
@@ -67,8 +69,9 @@ def mean_nees(found, recordings):
         error[2] = se2.wrap_angle(error[2])
         geometry, start = linear.by_geometry[-1], linear.by_start[-1]
         covariance = (
-            linear.covariances(found.noise)[-1] + geometry @ found.covariance @ geometry.T
-            + capture + start @ (0.5 * math.pi / 20.0 * capture) @ start.T)
+            linear.covariances(found.noise)[-1]
+            + geometry @ found.predictive_covariance @ geometry.T + capture + slow
+            + start @ (0.5 * math.pi / 20.0 * capture + slow) @ start.T)
         scores.append(error @ np.linalg.solve(covariance, error) / 3.0)
     return float(np.mean(scores))
 

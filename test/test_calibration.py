@@ -171,6 +171,51 @@ def test_what_cannot_be_the_robot_that_was_driven_is_refused_with_the_usual_caus
     assert '\n' not in str(error.value)
 
 
+def test_a_separation_that_differs_from_drive_to_drive_widens_its_own_error_bar_only():
+    random = np.random.default_rng(4)
+    separations = TRUTH.wheel_separation * (1.0 + 0.011 * np.array([-1, 1, -1, 1, 1, -1]))
+    found, plain = (
+        calibrate([simulated_drive(name, replace(TRUTH, wheel_separation=each), NOISE, MARKER,
+                                   random) for name, each in zip(SHAPES, choice, strict=True)],
+                  NOMINAL, keep_all=True)
+        for choice in (separations, np.full(6, TRUTH.wheel_separation)))
+    assert found.separation_spread == pytest.approx(separations.std(), rel=0.4)
+    assert plain.separation_spread < 0.1 * separations.std()
+    assert found.deviations[0] == pytest.approx(found.separation_spread / 6**0.5, rel=0.3)
+    assert abs(found.drive.wheel_separation - TRUTH.wheel_separation) < 3.0 * found.deviations[0]
+    assert found.deviations[1:] == pytest.approx(plain.deviations[1:], rel=0.5)
+
+
+def test_a_drive_to_come_may_be_of_a_kind_that_these_were_not():
+    found = calibrate(noisy_drives(), NOMINAL)
+    unsure = found.uncertainty
+    assert unsure.wheel_separation == pytest.approx(
+        np.hypot(found.deviations[0], 0.003 * found.drive.wheel_separation))
+    assert [unsure.left_wheel_radius, unsure.right_wheel_radius] == pytest.approx(
+        found.deviations[1:])
+    known_by_hand = calibrate([straight(seed=seed) for seed in range(3)], NOMINAL)
+    assert known_by_hand.uncertainty.wheel_separation == 0.0
+
+
+def test_what_the_capture_is_off_by_for_seconds_is_not_taken_for_noise_of_the_wheels():
+    drives, random = noisy_drives(names=tuple(SHAPES)), np.random.default_rng(8)
+    for drive in drives:
+        steps = np.diff(drive.reference_seconds, prepend=-np.inf)
+        kept = np.exp(-steps / 2.0)
+        off = np.zeros(3)
+        for k, share in enumerate(kept):
+            fresh = random.normal(size=3) * [4e-3, 4e-3, 8e-3]
+            off = share * off + np.sqrt(1.0 - share**2) * fresh
+            drive.reference[k] += off
+    found = calibrate(drives, NOMINAL, keep_all=True)
+    assert found.slow_position_std == pytest.approx(4e-3, rel=0.4)
+    assert found.slow_heading_std == pytest.approx(8e-3, rel=0.4)
+    assert found.reference_std == pytest.approx((np.hypot(1e-3, 4e-3), np.hypot(4e-3, 8e-3)), 0.3)
+    assert found.noise.left_travel == pytest.approx(NOISE.left_travel, rel=1.0)
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.0 * found.deviations).all()
+
+
 def test_a_drive_that_slipped_is_named_and_left_out():
     drives = noisy_drives()
     slipped = drives[2]
