@@ -210,7 +210,7 @@ class OdometryNode(Node):
         """Do the timer's work if it is overdue; to be called between two callbacks."""
         if time.monotonic() - self._ticked_at > self._overdue:
             out_of_turn.take_message(self._cmd_vel)
-            out_of_turn.take_request(self._enable)
+            out_of_turn.take_requests(self._enable)
             self._tick(time.monotonic())
 
     def _on_timer(self) -> None:

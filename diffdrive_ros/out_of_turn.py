@@ -18,10 +18,12 @@ def take_message(subscription: Subscription) -> None:
         subscription.callback(*taken)
 
 
-def take_request(service: Service) -> None:
-    """Answer the request that waits, if there is one."""
+def take_requests(service: Service) -> None:
+    """Answer the requests that wait, if there are any."""
     kind: Any = service.srv_type
-    with service.handle:
-        request, header = service.handle.service_take_request(kind.Request)
-    if header is not None:
+    while True:
+        with service.handle:
+            request, header = service.handle.service_take_request(kind.Request)
+        if header is None:
+            return
         service.send_response(service.callback(request, kind.Response()), header)
