@@ -174,27 +174,33 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
     """Return what was found as lines of text."""
     from diffdrive_ros.calibration import FLOORS
 
-    travel, turn = (
-        f'< {floor:.2g}' if value < 1.01 * floor else f'{value:.2g}' for value, floor in zip(
-            (found.noise.left_travel, found.noise.turn), FLOORS, strict=True))
+    def shown(value: float, floor: float) -> str:
+        return f'{"< " if value < 1.01 * floor else ""}{value:.2g}'
+
+    travel, turn = map(shown, (found.noise.left_travel, found.noise.turn), FLOORS)
+    spread, position, heading, time, slow_position, slow_heading = (
+        shown(1e3 * value, 1e3 * floor**0.5 * unit) for value, floor, unit in zip(
+            (found.separation_spread, found.position_std, found.heading_std, found.time_std,
+             found.slow_position_std, found.slow_heading_std), FLOORS[2:],
+            (found.drive.wheel_separation, 1.0, 1.0, 1.0, 1.0, 1.0), strict=True))
     before, drive, deviations = robot.drive, found.drive, found.deviations
     lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
     for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
-        spread = f'{1e3 * deviations[index]:.3f}' if deviations[index] else 'not known'
+        deviation = _or_not_known(1e3 * deviations[index], '.3f')
         lines.append(
             f'{name + " [mm]":24}{1e3 * getattr(before, name):12.3f}'
-            f'{1e3 * getattr(drive, name):12.3f}{spread:>12}')
+            f'{1e3 * getattr(drive, name):12.3f}{deviation:>12}')
     lines += [f'not observed: {what}; as before' for what in found.not_observed]
     if deviations[0]:
         lines.append(
-            f'separation by drive    {1e3 * found.separation_spread:.2f} mm of spread; '
-            f'± {1e3 * found.uncertainty.wheel_separation:.2f} mm for a drive to come, maybe of '
-            'another kind')
+            'spread of separation   '
+            + (f'{spread} mm from drive to drive' if found.separation_spread else 'not known')
+            + f'; ± {1e3 * found.uncertainty.wheel_separation:.2f} mm for a drive to come, maybe '
+            'of another kind')
     lines += [
         f'noise of the wheels    {travel} m^2/m of their travel, {turn} rad^2/rad of the turn',
-        f'noise of the reference {1e3 * found.position_std:.2g} mm, '
-        f'{1e3 * found.heading_std:.2g} mrad, {1e3 * found.time_std:.2g} ms; for seconds '
-        f'{1e3 * found.slow_position_std:.2g} mm, {1e3 * found.slow_heading_std:.2g} mrad',
+        f'noise of the reference {position} mm, {heading} mrad, {time} ms; for seconds '
+        f'{slow_position} mm, {slow_heading} mrad',
         'marker on the robot    ' + ', '.join(
             f'{1e3 * value:.2f} ± {1e3 * spread:.2f} {unit}' for value, spread, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),

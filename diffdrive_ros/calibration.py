@@ -41,6 +41,9 @@ HUBER = float(chi2.ppf(0.999, 3))
 # A drive less likely than this, given the others, is left out.
 OUTLIER = 1e-6
 ROUGHER = 4.0  # or whose own noise is this many times that of the others, in variance
+# A drive is judged in the directions in which it tells something, by information relative to that
+# of the others. In the rest it says what the errors of the first order say.
+TELLING = 0.01
 
 # What cannot be known this well, relative to itself, is taken for not observed.
 OBSERVED = 0.1
@@ -150,10 +153,10 @@ class Calibration:
     """
     The geometry with its covariance, (3, 3), in the order of MEASURES, and the noise.
 
-    separation_spread [m] is by how much the separation differs from drive to drive. The capture's
-    noise is of each pose, slow_ of what it is off by for seconds. not_observed says in words what
-    the drives could not tell; it keeps its nominal value. marker is the pose of the marker in the
-    body frame, and marker_std its deviations, (3,).
+    separation_spread [m] is by how much the separation differs from drive to drive, 0 where they
+    cannot tell. The capture's noise is of each pose, slow_ of what it is off by for seconds.
+    not_observed says in words what the drives could not tell; it keeps its nominal value. marker
+    is the pose of the marker in the body frame, and marker_std its deviations, (3,).
     """
 
     drive: DiffDrive
@@ -235,7 +238,7 @@ def clock_offset(drive: Drive, found: Calibration) -> float:
     Raises CalibrationError.
     """
     fit = _Fit([drive], found.drive, Terms(marker=False))
-    fit.free, fit.marker = (), found.marker
+    fit.free, fit.marker, fit.may_differ = (), found.marker, True
     fit.variances = np.array([
         found.noise.left_travel, found.noise.turn,
         (found.separation_spread / found.drive.wheel_separation)**2, found.position_std**2,
@@ -275,8 +278,9 @@ _STARTS = np.array([5e-6, 5e-5, 1e-6, 1e-6, 1e-5, 1e-5, 1e-6, 1e-5])
 _LEAP = math.log(4.0)
 _LEAST = 0.02 * _STARTS
 
-# What is found of the wheels' noise, of travel [m^2/m] and turn [rad^2/rad], is not less.
-FLOORS: tuple[float, float] = tuple((_LEAST * math.exp(-_LEAP)).tolist()[:2])
+# What is found is not less: travel [m^2/m], turn [rad^2/rad], separation, position [m^2], heading
+# [rad^2], time [s^2], slow position, slow heading.
+FLOORS: tuple[float, ...] = tuple((_LEAST * math.exp(-_LEAP)).tolist())
 
 _RATE = 0.02  # [s], over which the rate of the poses is taken
 
@@ -337,6 +341,8 @@ class _Fit:
         self.marker: Array = np.zeros(3)
         self.variances = _STARTS.copy()
         self.free, self.not_observed = _CHOICES[0]
+        self.may_differ = len(drives) > 1
+        """Whether the separation may differ by drive: that of one alone is the common one."""
         thinned = [drive.thinned(POSES) for drive in drives]
         if terms.marker:
             self.marker[2] = _marker_heading(thinned, nominal)
@@ -355,7 +361,7 @@ class _Fit:
         self._choose_what_is_observed()
         for _ in range(20):
             linears = [self._linear(state) for state in self.states]
-            self.variances = self._likeliest(linears, self.states)
+            self.variances = self._likeliest(linears, self.states, _LEAP)
             self.solution = self._solve(linears, self.states, self.variances)
             self.step(self.solution)
             self._weigh(self.solution)
@@ -441,7 +447,7 @@ class _Fit:
         components = np.stack([
             _walk(from_origin, linear.left_noise + linear.right_noise),
             _walk(from_origin, linear.turn_noise),
-            np.outer(by_separation, by_separation),
+            np.outer(by_separation, by_separation) * self.may_differ,
             _blocks(np.tile(position, (count, 1, 1)), state.weights),
             _blocks(np.tile(heading, (count, 1, 1)), state.weights),
             _blocks(rate[:, :, np.newaxis] * rate[:, np.newaxis, :], state.weights),
@@ -489,7 +495,9 @@ class _Fit:
                 total = np.concatenate([[0.0], np.cumsum(slip)])
                 state.slips[side] = np.interp(state.drive.seconds, linear.seconds, total)
 
-    def _likeliest(self, linears: list[_Linear], states: list[_State]) -> Array:
+    def _likeliest(
+        self, linears: list[_Linear], states: list[_State], leap: float,
+    ) -> Array:
         """Return the variances that are the likeliest, by some or all of the drives."""
         def objective(logarithms: Array) -> tuple[float, Array]:
             variances = np.exp(logarithms)
@@ -500,7 +508,8 @@ class _Fit:
         tried = np.log(np.maximum(self.variances, _LEAST))
         found = optimize.minimize(
             objective, tried, jac=True, method='L-BFGS-B',
-            bounds=[(each - _LEAP, each + _LEAP) for each in tried.tolist()],
+            bounds=[(max(each - leap, math.log(floor)), each + leap)
+                    for each, floor in zip(tried.tolist(), FLOORS, strict=True)],
             options={'maxiter': 40, 'ftol': 1e-7})
         return np.exp(found.x)
 
@@ -602,14 +611,17 @@ class _Fit:
         for index, (linear, state) in enumerate(zip(self.linears, self.states, strict=True)):
             linears, states = (
                 [*each[:index], *each[index + 1:]] for each in (self.linears, self.states))
-            variances = self._likeliest(linears, states)
+            # Far from those of all, which this drive may have spoilt.
+            variances = self._likeliest(linears, states, 8.0 * _LEAP)
             others = self._solve(linears, states, variances)
             alone = self._solve([linear], [state], variances)
             own, side = alone.normals[0]
-            without = side - own @ others.common
-            spread = own + own @ others.covariance @ own
-            surprise = float(without @ np.linalg.pinv(spread) @ without)
-            odds = float(chi2.sf(surprise, len(side))) * len(self.linears)
+            root = np.linalg.cholesky(others.covariance)
+            told, directions = np.linalg.eigh(root.T @ own @ root)
+            without = directions.T @ root.T @ (side - own @ others.common)
+            tells = told > TELLING
+            surprise = float((without**2 / (told + told**2))[tells].sum())
+            odds = float(chi2.sf(surprise, np.count_nonzero(tells))) * len(self.linears)
             unexplained = linear.residuals - linear.common @ others.common
             inverse = alone.inverses[0]
             weighed = inverse @ linear.local
@@ -637,7 +649,9 @@ class _Fit:
         has_marker = self.terms.marker
         return Calibration(
             drive=drive, covariance=covariance, noise=WheelNoise(travel, travel, turn),
-            separation_spread=separation * drive.wheel_separation, position_std=position,
+            separation_spread=(
+                separation * drive.wheel_separation if self.may_differ and 0 in free else 0.0),
+            position_std=position,
             heading_std=heading, time_std=time, slow_position_std=slow_position,
             slow_heading_std=slow_heading, marker=self.marker,
             marker_std=np.sqrt(np.diag(solution.covariance)[-3:]) if has_marker else np.zeros(3),

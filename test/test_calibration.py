@@ -194,7 +194,7 @@ def test_a_drive_to_come_may_be_of_a_kind_that_these_were_not():
     assert [unsure.left_wheel_radius, unsure.right_wheel_radius] == pytest.approx(
         found.deviations[1:])
     known_by_hand = calibrate([straight(seed=seed) for seed in range(3)], NOMINAL)
-    assert known_by_hand.uncertainty.wheel_separation == 0.0
+    assert known_by_hand.uncertainty.wheel_separation == known_by_hand.separation_spread == 0.0
 
 
 def test_what_the_capture_is_off_by_for_seconds_is_not_taken_for_noise_of_the_wheels():
@@ -227,6 +227,32 @@ def test_a_drive_that_slipped_is_named_and_left_out():
     assert [drive.name for drive in found.drives if drive.outlier] == [slipped.name]
     errors = geometry_of(found.drive) - geometry_of(TRUTH)
     assert (np.abs(errors) < 3.5 * found.deviations).all()
+
+
+@pytest.mark.parametrize('seed', [11, 12, 13, 14])
+def test_drives_that_nothing_is_wrong_with_are_all_kept(seed):
+    """Of circles, too, which at one speed tell neither the clock nor three of six measures."""
+    found = calibrate(noisy_drives(seed, tuple(SHAPES)), NOMINAL)
+    assert [drive.outlier for drive in found.drives] == [''] * len(SHAPES)
+
+
+@pytest.mark.parametrize('seed', [21, 22, 23])
+def test_a_drive_with_another_separation_is_named_and_does_not_hide_itself(seed):
+    """By widening the spread from drive to drive that it is judged by."""
+    random, names = np.random.default_rng(seed), ('square', 'square back', 'eight',
+                                                  'there and back')
+    wrong = replace(TRUTH, wheel_separation=1.06 * TRUTH.wheel_separation)
+    found = calibrate([
+        simulated_drive(name, wrong if name == 'eight' else TRUTH, NOISE, MARKER, random)
+        for name in names], NOMINAL)
+    assert [drive.name for drive in found.drives if drive.outlier] == ['eight']
+    assert abs(found.drive.wheel_separation - TRUTH.wheel_separation) < 3.0 * found.deviations[0]
+
+
+def test_one_drive_cannot_tell_by_how_much_the_separation_differs():
+    found = calibrate(noisy_drives(names=('eight',)), NOMINAL)
+    assert found.separation_spread == 0.0
+    assert found.uncertainty.wheel_separation >= 0.003 * found.drive.wheel_separation
 
 
 @pytest.mark.parametrize(('change', 'rule'), [
