@@ -35,7 +35,7 @@ setup(
         'dashboard': ['nicegui~=3.18'],
         'demo': ['matplotlib', 'rich'],
         # What the tools for logs need, and the node does not.
-        'offline': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy'],
+        'offline': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy', 'threadpoolctl'],
         # colcon runs pytest because it finds it here. The linters keep to one minor version,
         # so that a new release of theirs fails nobody's build.
         'test': [

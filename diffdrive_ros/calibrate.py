@@ -59,8 +59,7 @@ def on_all_cores(
     from rich.progress import Progress
 
     workers = max(1, min(len(tasks), os.cpu_count() or 1))
-    pool = ProcessPoolExecutor(workers, initializer=signal.signal, initargs=(
-        signal.SIGINT, signal.SIG_IGN))
+    pool = ProcessPoolExecutor(workers, initializer=_begin_worker)
     pending: dict[Future[OutT], int] = {
         pool.submit(function, *task): index for index, task in enumerate(tasks)}
     # A flag and no exception: that could come while the caller keeps what is done.
@@ -83,6 +82,16 @@ def on_all_cores(
             signal.signal(signal.SIGINT, before)
     if pending:
         print(f'{what}: interrupted, {len(pending)} not done', file=sys.stderr)
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the parent, and the other cores to the other workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:  # no distribution of ROS has it; it takes several times as long
+        return
+    threadpool_limits(1)
 
 
 def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
@@ -146,7 +155,7 @@ def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
     return dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
-        'turn_variance': found.noise.turn,
+        'turn_variance': found.noise.turn or robot.noise.turn,
         'wheel_separation_std': deviations[0],
         'left_wheel_radius_std': deviations[1],
         'right_wheel_radius_std': deviations[2],
@@ -195,14 +204,16 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
         lines.append(
             'spread of separation   '
             + (f'{spread} mm from drive to drive' if found.separation_spread else 'not known')
-            + f'; ± {1e3 * found.uncertainty.wheel_separation:.2f} mm for a drive to come, maybe '
-            'of another kind')
+            + f'; wheel_separation_std {1e3 * found.uncertainty.wheel_separation:.2f} mm, for '
+            'drives to come')
     lines += [
-        f'noise of the wheels    {travel} m^2/m of their travel, {turn} rad^2/rad of the turn',
+        f'noise of the wheels    {travel} m^2/m of their travel, '
+        + (f'{turn} rad^2/rad of the turn' if found.noise.turn else 'of the turn not known'),
         f'noise of the reference {position} mm, {heading} mrad, {time} ms; for seconds '
         f'{slow_position} mm, {slow_heading} mrad',
         'marker on the robot    ' + ', '.join(
-            f'{1e3 * value:.2f} ± {1e3 * spread:.2f} {unit}' for value, spread, unit in zip(
+            f'{1e3 * value:.2f} ± {_or_not_known(1e3 * deviation, ".2f")} {unit}'
+            for value, deviation, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
     ]
     for each in found.drives:
@@ -341,6 +352,7 @@ def run(options: argparse.Namespace) -> None:
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
     from diffdrive_ros.calibration import calibrate, Terms
+    from rich.console import Console
 
     robot = robot_of(options)
     wanted = Wanted(options.wheels, options.reference, options.reference_child)
@@ -356,7 +368,8 @@ def run(options: argparse.Namespace) -> None:
     drives = [drive_of(log) for log in kept]
     terms = Terms(
         time_offset='time-offset' not in options.without, marker='marker' not in options.without)
-    found = calibrate(drives, robot.drive, terms)
+    with Console(stderr=True).status('Fitting'):
+        found = calibrate(drives, robot.drive, terms)
     print(summary_of(robot, found))
     unseen: dict[int, Calibration] = {}
     if len(drives) > 2 and not options.no_validation:
@@ -369,7 +382,8 @@ def run(options: argparse.Namespace) -> None:
     after = Robot.of(values)
     if options.output:
         head = (
-            f'Calibrated by {len(kept)} drives. Start the node with it:\n'
+            f'Calibrated by {sum(not each.outlier for each in found.drives)} of {len(kept)} '
+            'drives. Start the node with it:\n'
             '  ros2 run diffdrive_ros odometry --ros-args --params-file ' + options.output.name)
         parameter_file.write(options.output, values, COMMENTS, head)
     if options.json:
@@ -438,6 +452,7 @@ def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]
         'left_wheel_radius': found.drive.left_wheel_radius,
         'right_wheel_radius': found.drive.right_wheel_radius,
         'covariance': listed(found.covariance),
+        'wheel_separation_std': found.uncertainty.wheel_separation,
         'separation_spread': found.separation_spread,
         'not_observed': list(found.not_observed),
         'left_wheel_travel_variance': found.noise.left_travel,

@@ -19,6 +19,7 @@ accounted for (restricted maximum likelihood: Patterson and Thompson, Biometrika
 that the others contradict count less, by Huber's rule.
 """
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 
@@ -155,8 +156,9 @@ class Calibration:
 
     separation_spread [m] is by how much the separation differs from drive to drive, 0 where they
     cannot tell. The capture's noise is of each pose, slow_ of what it is off by for seconds.
-    not_observed says in words what the drives could not tell; it keeps its nominal value. marker
-    is the pose of the marker in the body frame, and marker_std its deviations, (3,).
+    not_observed says in words what the drives could not tell; it keeps its nominal value, and the
+    noise of turns is 0 where nothing turns. marker is the pose of the marker in the body frame,
+    and marker_std its deviations, (3,), 0 where it was not looked for.
     """
 
     drive: DiffDrive
@@ -213,21 +215,36 @@ def calibrate(
     terms = terms or Terms()
     outliers: dict[int, str] = {}
     while True:
-        kept = [drive for index, drive in enumerate(drives) if index not in outliers]
-        fit = _Fit(kept, nominal, terms)
-        try:
-            fit.run()
-        except (np.linalg.LinAlgError, FloatingPointError):
-            raise CalibrationError(f'the fit fails on the numbers of the drives{USUAL}') from None
+        kept = [index for index in range(len(drives)) if index not in outliers]
         # Of three, one does not contradict the others with any certainty.
         may_leave_out = not keep_all and len(kept) > max(3, 2 * len(drives) // 3)
-        worst = fit.worst_drive() if may_leave_out else None
-        if worst is None:
-            break
-        index = [index for index in range(len(drives)) if index not in outliers][worst[0]]
-        outliers[index] = worst[1]
-    fit.check()
-    return fit.calibration(drives, outliers)
+        fit = _Fit([drives[index] for index in kept], nominal, terms)
+        try:
+            fit.find()
+            worst = fit.worst_drive() if may_leave_out else None
+            if worst is None:
+                fit.check()
+                return fit.calibration(drives, outliers)
+        except CalibrationError as error:
+            worst = _spoiler([drives[index] for index in kept], nominal, terms, str(error)
+                             ) if may_leave_out else None
+            if worst is None:
+                raise
+        outliers[kept[worst[0]]] = worst[1]
+
+
+def _spoiler(
+    drives: Sequence[Drive], nominal: DiffDrive, terms: Terms, error: str,
+) -> tuple[int, str] | None:
+    """Return which drive alone keeps the others from a calibration, and why it is left out."""
+    found = []
+    for index in range(len(drives)):
+        fit = _Fit([*drives[:index], *drives[index + 1:]], nominal, terms)
+        with suppress(CalibrationError):
+            fit.find()
+            fit.check()
+            found.append(index)
+    return (found[0], f'with it, {error.removesuffix(USUAL)}') if len(found) == 1 else None
 
 
 def clock_offset(drive: Drive, found: Calibration) -> float:
@@ -262,7 +279,8 @@ _CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
     ((0, 1, 2), ()),
     # Turns alone give the ratio of separation and radii; these are better known by hand.
     ((0, 2), ('the mean of the wheel radii: the drives go too little way to tell it',)),
-    ((1, 2), ('wheel_separation: the drives turn too little to tell it',)),
+    ((1, 2), ('wheel_separation, the noise of turns and the place of the marker: the drives turn '
+              'too little to tell them',)),
     ((0,), ('the wheel radii: the drives turn on the spot, which tells the separation for these '
             'radii only',)),
     ((1,), ('wheel_separation and the ratio of the wheel radii: the drives are too short',)),
@@ -271,6 +289,7 @@ _CHOICES: tuple[tuple[tuple[int, ...], tuple[str, ...]], ...] = (
 # Deviations of what is barely known beforehand; they keep the fit determinate where, as on a
 # straight line, nothing tells an offset of the marker from another start.
 _MARKER_PRIOR = (0.3, 0.3, 3.0)  # [m, m, rad]
+_WITHOUT_TURNS = (1e-6, 1e-6, 3.0)  # its place is taken for that of the robot
 _OFFSET_PRIOR = 0.2  # [s]
 
 # Variances: where the search starts, and how far it goes at a time, in their logarithms.
@@ -343,6 +362,8 @@ class _Fit:
         self.free, self.not_observed = _CHOICES[0]
         self.may_differ = len(drives) > 1
         """Whether the separation may differ by drive: that of one alone is the common one."""
+        self.turns = True
+        """Whether the robot turns; without, nothing tells what its turns do."""
         thinned = [drive.thinned(POSES) for drive in drives]
         if terms.marker:
             self.marker[2] = _marker_heading(thinned, nominal)
@@ -356,7 +377,14 @@ class _Fit:
         separation, radius, ratio = np.exp(self.geometry).tolist()
         return DiffDrive(separation, radius / math.sqrt(ratio), radius * math.sqrt(ratio))
 
-    def run(self) -> None:
+    def find(self) -> None:
+        """Find what is unknown; raises CalibrationError."""
+        try:
+            self._iterate()
+        except (np.linalg.LinAlgError, FloatingPointError):
+            raise CalibrationError(f'the fit fails on the numbers of the drives{USUAL}') from None
+
+    def _iterate(self) -> None:
         """Iterate until the geometry stands still."""
         self._choose_what_is_observed()
         for _ in range(20):
@@ -406,6 +434,7 @@ class _Fit:
                 continue
             deviations = np.sqrt(np.diag(solution.covariance))[:len(self.free)]
             if (deviations < OBSERVED).all():
+                self.turns = 0 in self.free
                 return
         raise CalibrationError(
             'the drives tell neither the separation nor the radii of the wheels: they are too '
@@ -446,7 +475,7 @@ class _Fit:
         apart = np.abs(np.subtract.outer(drive.reference_seconds, drive.reference_seconds))
         components = np.stack([
             _walk(from_origin, linear.left_noise + linear.right_noise),
-            _walk(from_origin, linear.turn_noise),
+            _walk(from_origin, linear.turn_noise) * self.turns,
             np.outer(by_separation, by_separation) * self.may_differ,
             _blocks(np.tile(position, (count, 1, 1)), state.weights),
             _blocks(np.tile(heading, (count, 1, 1)), state.weights),
@@ -520,7 +549,7 @@ class _Fit:
         size = linears[0].common.shape[1]
         information, right_side = np.zeros((size, size)), np.zeros(size)
         if self.terms.marker:
-            prior = 1.0 / np.square(_MARKER_PRIOR)
+            prior = 1.0 / np.square(_MARKER_PRIOR if self.turns else _WITHOUT_TURNS)
             information[-3:, -3:] += np.diag(prior)
             right_side[-3:-1] -= prior[:2] * self.marker[:2]
         objective, parts, normals = 0.0, [], []
@@ -608,35 +637,45 @@ class _Fit:
         Each is judged by the geometry and the noise of the others, which it has no part in.
         """
         found: list[tuple[float, int, str]] = []
-        for index, (linear, state) in enumerate(zip(self.linears, self.states, strict=True)):
-            linears, states = (
-                [*each[:index], *each[index + 1:]] for each in (self.linears, self.states))
-            # Far from those of all, which this drive may have spoilt.
-            variances = self._likeliest(linears, states, 8.0 * _LEAP)
-            others = self._solve(linears, states, variances)
-            alone = self._solve([linear], [state], variances)
-            own, side = alone.normals[0]
-            root = np.linalg.cholesky(others.covariance)
-            told, directions = np.linalg.eigh(root.T @ own @ root)
-            without = directions.T @ root.T @ (side - own @ others.common)
-            tells = told > TELLING
-            surprise = float((without**2 / (told + told**2))[tells].sum())
-            odds = float(chi2.sf(surprise, np.count_nonzero(tells))) * len(self.linears)
-            unexplained = linear.residuals - linear.common @ others.common
-            inverse = alone.inverses[0]
-            weighed = inverse @ linear.local
-            explained = weighed.T @ unexplained
-            ratio = float(
-                unexplained @ inverse @ unexplained
-                - explained @ np.linalg.solve(linear.local.T @ weighed, explained))
-            ratio /= len(unexplained)
-            if ratio > ROUGHER:
-                found.append((
-                    100.0 * ratio, index,
-                    f'its residuals have {ratio:.0f} times the variance of the others'))
-            elif odds < OUTLIER:
-                found.append((surprise, index, 'it contradicts the others on the geometry'))
+        for index in range(len(self.states)):
+            with suppress(np.linalg.LinAlgError):
+                found += self._contradictions(index)
         return max(found)[1:] if found else None
+
+    def _contradictions(self, index: int) -> list[tuple[float, int, str]]:
+        """Return how badly the drive with this index fits the others, the index and why; or []."""
+        linear, state = self.linears[index], self.states[index]
+        linears, states = (
+            [*each[:index], *each[index + 1:]] for each in (self.linears, self.states))
+        # Far from those of all, which this drive may have spoilt.
+        variances = self._likeliest(linears, states, 8.0 * _LEAP)
+        others = self._solve(linears, states, variances)
+        if (np.sqrt(np.diag(others.covariance))[:len(self.free)] > OBSERVED).any():
+            return []  # it is the only one that tells a measure
+        alone = self._solve([linear], [state], variances)
+        own, side = alone.normals[0]
+        root = np.linalg.cholesky(others.covariance)
+        told, directions = np.linalg.eigh(root.T @ own @ root)
+        without = directions.T @ root.T @ (side - own @ others.common)
+        tells = told > TELLING
+        surprise = float((without**2 / (told + told**2))[tells].sum())
+        odds = float(chi2.sf(surprise, np.count_nonzero(tells))) * len(self.linears)
+        unexplained = linear.residuals - linear.common @ others.common
+        inverse = alone.inverses[0]
+        weighed = inverse @ linear.local
+        explained = weighed.T @ unexplained
+        ratio = float(
+            unexplained @ inverse @ unexplained
+            - explained @ np.linalg.solve(linear.local.T @ weighed, explained)
+            # What the others do not know of the geometry is no noise of this drive.
+            - (without**2 / (1.0 + told)).sum())
+        ratio /= len(unexplained)
+        if ratio > ROUGHER:
+            return [(100.0 * ratio, index,
+                     f'its residuals have {ratio:.0f} times the variance of the others')]
+        if odds < OUTLIER:
+            return [(surprise, index, 'it contradicts the others on the geometry')]
+        return []
 
     def calibration(self, drives: Sequence[Drive], outliers: dict[int, str]) -> Calibration:
         """Return what was found; drives are all of them, with the outliers by index."""
@@ -648,13 +687,16 @@ class _Fit:
         states = iter(self.states)
         has_marker = self.terms.marker
         return Calibration(
-            drive=drive, covariance=covariance, noise=WheelNoise(travel, travel, turn),
+            drive=drive, covariance=covariance,
+            noise=WheelNoise(travel, travel, turn if self.turns else 0.0),
             separation_spread=(
                 separation * drive.wheel_separation if self.may_differ and 0 in free else 0.0),
             position_std=position,
             heading_std=heading, time_std=time, slow_position_std=slow_position,
             slow_heading_std=slow_heading, marker=self.marker,
-            marker_std=np.sqrt(np.diag(solution.covariance)[-3:]) if has_marker else np.zeros(3),
+            marker_std=(
+                np.sqrt(np.diag(solution.covariance)[-3:])
+                * [self.turns, self.turns, True] if has_marker else np.zeros(3)),
             not_observed=self.not_observed,
             drives=tuple(
                 _left_out(whole, outliers[index]) if index in outliers

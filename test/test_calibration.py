@@ -104,7 +104,11 @@ def straight(name='straight', drive=TRUTH, seed=1):
 
 def test_a_straight_line_gives_the_radii_and_says_that_it_cannot_give_the_separation():
     found = calibrate([straight(seed=seed) for seed in range(3)], NOMINAL)
-    assert found.not_observed == ('wheel_separation: the drives turn too little to tell it',)
+    assert found.not_observed == (
+        'wheel_separation, the noise of turns and the place of the marker: the drives turn too '
+        'little to tell them',)
+    assert found.noise.turn == 0.0
+    assert found.marker[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert found.drive.wheel_separation == NOMINAL.wheel_separation
     assert found.deviations[0] == 0.0
     radii = geometry_of(found.drive)[1:]
@@ -150,7 +154,11 @@ def test_a_perfectly_straight_line_keeps_the_nominal_separation_and_says_so():
     poses = integrate(level, angles, angles)
     noisy = poses + random.normal(size=poses.shape) * [1e-3, 1e-3, 4e-3]
     found = calibrate([Drive('line', seconds, angles, angles, seconds, noisy)], NOMINAL)
-    assert found.not_observed == ('wheel_separation: the drives turn too little to tell it',)
+    assert found.not_observed == (
+        'wheel_separation, the noise of turns and the place of the marker: the drives turn too '
+        'little to tell them',)
+    assert found.noise.turn == 0.0
+    assert found.marker[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert found.drive.wheel_separation == NOMINAL.wheel_separation
     assert geometry_of(found.drive)[1:] == pytest.approx([0.0501, 0.0501], rel=2e-3)
 
@@ -236,6 +244,15 @@ def test_drives_that_nothing_is_wrong_with_are_all_kept(seed):
     assert [drive.outlier for drive in found.drives] == [''] * len(SHAPES)
 
 
+def test_the_only_drive_that_turns_is_not_left_out_for_telling_what_the_others_do_not():
+    lines = [straight(f'line {seed}', seed=seed) for seed in range(4)]
+    found = calibrate([*lines, *noisy_drives(names=('square',))], NOMINAL)
+    assert [drive.outlier for drive in found.drives] == [''] * 5
+    assert found.not_observed == ()
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.5 * found.deviations).all()
+
+
 @pytest.mark.parametrize('seed', [21, 22, 23])
 def test_a_drive_with_another_separation_is_named_and_does_not_hide_itself(seed):
     """By widening the spread from drive to drive that it is judged by."""
@@ -247,6 +264,17 @@ def test_a_drive_with_another_separation_is_named_and_does_not_hide_itself(seed)
         for name in names], NOMINAL)
     assert [drive.name for drive in found.drives if drive.outlier] == ['eight']
     assert abs(found.drive.wheel_separation - TRUTH.wheel_separation) < 3.0 * found.deviations[0]
+
+
+def test_a_drive_with_a_clock_of_another_day_is_named_and_does_not_spoil_the_others():
+    drives = noisy_drives()
+    drives[0] = replace(drives[0], reference_seconds=drives[0].reference_seconds + 3.0)
+    found = calibrate(drives, NOMINAL)
+    (left_out,) = [drive for drive in found.drives if drive.outlier]
+    assert left_out.name == drives[0].name
+    assert 'must be' in left_out.outlier
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.5 * found.deviations).all()
 
 
 def test_one_drive_cannot_tell_by_how_much_the_separation_differs():

@@ -47,7 +47,7 @@ OFFLINE = {
         {'arguments', 'evaluation', 'feedback', 'logs', 'parameter_file', 'plots', 'se2'}, set()),
     'calibrate': (
         {'arguments', 'calibration', 'kinematics', 'logs', 'loop_closure', 'parameter_file',
-         'plots', 'replay'}, {'rich'}),
+         'plots', 'replay'}, {'rich', 'threadpoolctl'}),
     'plots': (
         {'arguments', 'calibrate', 'calibration', 'logs', 'replay'},  # the types only
         {'matplotlib'}),
