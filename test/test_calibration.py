@@ -237,7 +237,7 @@ def test_a_drive_that_slipped_is_named_and_left_out():
     assert (np.abs(errors) < 3.5 * found.deviations).all()
 
 
-@pytest.mark.parametrize('seed', [11, 12, 13, 14])
+@pytest.mark.parametrize('seed', [11, 12])
 def test_drives_that_nothing_is_wrong_with_are_all_kept(seed):
     """Of circles, too, which at one speed tell neither the clock nor three of six measures."""
     found = calibrate(noisy_drives(seed, tuple(SHAPES)), NOMINAL)
@@ -253,7 +253,7 @@ def test_the_only_drive_that_turns_is_not_left_out_for_telling_what_the_others_d
     assert (np.abs(errors) < 3.5 * found.deviations).all()
 
 
-@pytest.mark.parametrize('seed', [21, 22, 23])
+@pytest.mark.parametrize('seed', [21, 22])
 def test_a_drive_with_another_separation_is_named_and_does_not_hide_itself(seed):
     """By widening the spread from drive to drive that it is judged by."""
     random, names = np.random.default_rng(seed), ('square', 'square back', 'eight',
