@@ -187,11 +187,12 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
         return f'{"< " if value < 1.01 * floor else ""}{value:.2g}'
 
     travel, turn = map(shown, (found.noise.left_travel, found.noise.turn), FLOORS)
-    spread, position, heading, time, slow_position, slow_heading = (
-        shown(1e3 * value, 1e3 * floor**0.5 * unit) for value, floor, unit in zip(
-            (found.separation_spread, found.position_std, found.heading_std, found.time_std,
-             found.slow_position_std, found.slow_heading_std), FLOORS[2:],
-            (found.drive.wheel_separation, 1.0, 1.0, 1.0, 1.0, 1.0), strict=True))
+    spread = shown(  # its floor is relative
+        1e3 * found.separation_spread, 1e3 * found.drive.wheel_separation * FLOORS[2]**0.5)
+    position, heading, time, slow_position, slow_heading = (
+        shown(1e3 * value, 1e3 * floor**0.5) for value, floor in zip(
+            (found.position_std, found.heading_std, found.time_std, found.slow_position_std,
+             found.slow_heading_std), FLOORS[3:], strict=True))
     before, drive, deviations = robot.drive, found.drive, found.deviations
     lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
     for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):

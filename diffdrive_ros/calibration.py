@@ -215,10 +215,11 @@ def calibrate(
     terms = terms or Terms()
     outliers: dict[int, str] = {}
     while True:
-        kept = [index for index in range(len(drives)) if index not in outliers]
+        indices = [index for index in range(len(drives)) if index not in outliers]
+        kept = [drives[index] for index in indices]
         # Of three, one does not contradict the others with any certainty.
         may_leave_out = not keep_all and len(kept) > max(3, 2 * len(drives) // 3)
-        fit = _Fit([drives[index] for index in kept], nominal, terms)
+        fit = _Fit(kept, nominal, terms)
         try:
             fit.find()
             worst = fit.worst_drive() if may_leave_out else None
@@ -226,11 +227,10 @@ def calibrate(
                 fit.check()
                 return fit.calibration(drives, outliers)
         except CalibrationError as error:
-            worst = _spoiler([drives[index] for index in kept], nominal, terms, str(error)
-                             ) if may_leave_out else None
+            worst = _spoiler(kept, nominal, terms, str(error)) if may_leave_out else None
             if worst is None:
                 raise
-        outliers[kept[worst[0]]] = worst[1]
+        outliers[indices[worst[0]]] = worst[1]
 
 
 def _spoiler(
@@ -473,6 +473,7 @@ class _Fit:
         residuals += np.einsum('kij,kj->ki', from_origin, seen_slips)
         position, heading = np.diag([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 1.0])
         apart = np.abs(np.subtract.outer(drive.reference_seconds, drive.reference_seconds))
+        alike = np.exp(-apart / SLOWLY)
         components = np.stack([
             _walk(from_origin, linear.left_noise + linear.right_noise),
             _walk(from_origin, linear.turn_noise) * self.turns,
@@ -480,8 +481,8 @@ class _Fit:
             _blocks(np.tile(position, (count, 1, 1)), state.weights),
             _blocks(np.tile(heading, (count, 1, 1)), state.weights),
             _blocks(rate[:, :, np.newaxis] * rate[:, np.newaxis, :], state.weights),
-            np.kron(np.exp(-apart / SLOWLY), position),
-            np.kron(np.exp(-apart / SLOWLY), heading),
+            np.kron(alike, position),
+            np.kron(alike, heading),
         ])
         rows = residuals.size
         return _Linear(
@@ -524,10 +525,12 @@ class _Fit:
                 total = np.concatenate([[0.0], np.cumsum(slip)])
                 state.slips[side] = np.interp(state.drive.seconds, linear.seconds, total)
 
-    def _likeliest(
-        self, linears: list[_Linear], states: list[_State], leap: float,
-    ) -> Array:
-        """Return the variances that are the likeliest, by some or all of the drives."""
+    def _likeliest(self, linears: list[_Linear], states: list[_State], leap: float) -> Array:
+        """
+        Return the variances that are the likeliest, by some or all of the drives.
+
+        Their logarithms go from where they are by no more than leap.
+        """
         def objective(logarithms: Array) -> tuple[float, Array]:
             variances = np.exp(logarithms)
             solution = self._solve(linears, states, variances)

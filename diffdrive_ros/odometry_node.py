@@ -207,7 +207,11 @@ class OdometryNode(Node):
             self._ticked_at = time.monotonic()
 
     def keep_time(self) -> None:
-        """Do the timer's work if it is overdue; to be called between two callbacks."""
+        """
+        Do the timer's work if it is overdue, after taking what asks for a stop.
+
+        To be called between two callbacks.
+        """
         if time.monotonic() - self._ticked_at > self._overdue:
             out_of_turn.take_message(self._cmd_vel)
             out_of_turn.take_requests(self._enable)
