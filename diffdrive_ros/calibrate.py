@@ -44,6 +44,9 @@ OutT = TypeVar('OutT')
 # Where the drives do not tell a measure: how well it is known by hand [m].
 BY_HAND = (0.002, 0.0001, 0.0001)
 
+# A reference whose headings are noisier than this tells by its positions only [rad].
+HEADLESS = 0.3
+
 
 # On all cores
 
@@ -138,6 +141,7 @@ class Judged:
     before: float
     after: float
     unseen: float | None
+    is_outlier: bool
 
 
 def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
@@ -217,6 +221,8 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
             for value, deviation, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
     ]
+    if found.reference_std[1] > HEADLESS:
+        lines.append('the reference has headings of its own: are they in degrees?')
     for each in found.drives:
         if each.outlier:
             lines.append(f'left out: {each.name}: {each.outlier}')
@@ -224,17 +230,18 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
 
 
 def judged_table(judged: Sequence[Judged]) -> str:
-    """Return the final errors of each drive as lines of text."""
+    """Return the final errors of each drive as lines of text, and the medians of those kept."""
     lines = [f'{"final error [m]":28}{"before":>10}{"calibrated":>12}{"unseen":>10}'
              f'{"--time-offset [s]":>19}']
     for each in judged:
         unseen = '-' if each.unseen is None else f'{each.unseen:.4f}'
         lines.append(f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}'
                      f'{each.time_offset:19.4f}')
-    unseen_errors = [each.unseen for each in judged if each.unseen is not None]
+    kept = [each for each in judged if not each.is_outlier]
+    unseen_errors = [each.unseen for each in kept if each.unseen is not None]
     lines.append(
-        f'{"median":28}{np.median([each.before for each in judged]):10.4f}'
-        f'{np.median([each.after for each in judged]):12.4f}'
+        f'{"median":28}{np.median([each.before for each in kept]):10.4f}'
+        f'{np.median([each.after for each in kept]):12.4f}'
         + (f'{np.median(unseen_errors):10.4f}' if unseen_errors else f'{"-":>10}'))
     return '\n'.join(lines)
 
@@ -267,7 +274,8 @@ def judge(
     own = offset(found) if report.outlier else report.time_offset
     return Judged(
         log.name, own, final_error(robot.drive, found, own), final_error(found.drive, found, own),
-        None if unseen is None else final_error(unseen.drive, unseen, offset(unseen)))
+        None if unseen is None else final_error(unseen.drive, unseen, offset(unseen)),
+        bool(report.outlier))
 
 
 def cross_validate(

@@ -64,8 +64,8 @@ RESTLESS = 0.01
 # Clocks that are further apart than this are not found: the offset has to be known beforehand [s].
 CLOCKS = 0.5
 
-USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are the clocks '
-         f'more than {CLOCKS:g} s apart?')
+USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are headings in '
+         f'degrees, are the clocks more than {CLOCKS:g} s apart?')
 
 
 class CalibrationError(ValueError):
@@ -770,10 +770,10 @@ def _blocks(blocks: Array, weights: Array) -> Array:
 
 
 def _inverse(covariance: Array) -> tuple[Array, float]:
-    """Return the inverse of a covariance and the logarithm of its determinant."""
+    """Return the inverse of a covariance and the logarithm of its determinant; or LinAlgError."""
     factor, info = linalg.lapack.dpotrf(covariance, lower=1)
     if info != 0:
-        raise CalibrationError('the residuals have no valid covariance: are there enough poses?')
+        raise np.linalg.LinAlgError('the residuals have no valid covariance')
     inverse, _ = linalg.lapack.dpotri(factor, lower=1)
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     return inverse, 2.0 * float(np.log(np.diag(factor)).sum())

@@ -144,12 +144,15 @@ def draw_calibration(
     bars.set_yticks(places, [each.name[-24:] for each in judged])
     bars.invert_yaxis()
     _label(bars, 'final position error [mm]', '', 'Final errors')
-    for drive in found.drives:
-        if not drive.outlier:
-            positions.plot(drive.metres, 1e3 * drive.residuals[:, :2], linewidth=0.6)
-            headings.plot(drive.metres, 1e3 * drive.residuals[:, 2], linewidth=0.6)
-    _label(positions, 'way [m]', 'x and y [mm]', 'Residuals of the fit', legend=False)
-    _label(headings, 'way [m]', 'heading [mrad]', 'Residuals of the fit', legend=False)
+    for number, drive in enumerate(each for each in found.drives if not each.outlier):
+        colour = f'C{number % 10}'
+        x, y, heading = 1e3 * drive.residuals.T
+        positions.plot(drive.metres, x, color=colour, linewidth=0.6)
+        positions.plot(drive.metres, y, color=colour, linewidth=0.6, linestyle='--')
+        headings.plot(drive.metres, heading, color=colour, linewidth=0.6)
+    _label(
+        positions, 'way [m]', 'residual [mm]', 'Residuals: x solid, y dashed; a colour a drive')
+    _label(headings, 'way [m]', 'residual [mrad]', 'Residuals: heading')
     figure.savefig(path, dpi=80)
 
 
@@ -162,10 +165,10 @@ def _page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]
     return figure, figure.subplots(rows, columns)
 
 
-def _label(axes: Any, x: str, y: str, title: str, legend: bool = True) -> None:
+def _label(axes: Any, x: str, y: str, title: str) -> None:
     axes.set(xlabel=x, ylabel=y, title=title)
     axes.grid(alpha=0.3)
-    if legend and axes.get_legend_handles_labels()[0]:
+    if axes.get_legend_handles_labels()[0]:
         axes.legend(**LEGEND, ncols=3)
 
 

@@ -272,7 +272,6 @@ def run(options: argparse.Namespace) -> None:
                for name, each in robots.items()}
     replayed = list(results.values())[-1]
     duration = float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9
-    print(f'{options.log}: {len(replayed.stamps_ns)} poses in {duration:.1f} s')
     comparisons = {}
     if log.reference is not None:
         judged = results if not is_full else {
@@ -283,6 +282,8 @@ def run(options: argparse.Namespace) -> None:
                 marker=None if options.marker is None else np.array(options.marker),
                 reference_std=tuple(options.reference_std or (0.0, 0.0)))
             for name, each in judged.items()}
+    print(f'{options.log}: {len(replayed.stamps_ns)} poses in {duration:.1f} s')
+    if comparisons:
         print(table_of({name: each.figures for name, each in comparisons.items()}, how))
     if options.output:
         write_poses(options.output, replayed, robot)

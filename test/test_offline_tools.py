@@ -12,7 +12,7 @@ import time
 
 import bags
 from calibration_consistency import simulated_drive
-from diffdrive_ros import calibrate, calibration, example, parameter_file, replay
+from diffdrive_ros import calibrate, calibration, example, logs, parameter_file, replay
 from diffdrive_ros.config import Config, SPECS
 from diffdrive_ros.feedback import WheelSample
 from diffdrive_ros.kinematics import DiffDrive
@@ -158,6 +158,29 @@ def test_noise_that_is_too_little_to_be_seen_is_printed_as_less_than_the_least(l
     assert re.search(r'noise of the wheels +< 2.5e-08 m.2/m .*, < 2.5e-07 rad', done.stdout)
 
 
+def test_headings_that_are_none_are_said_to_be_none(place):
+    """In degrees, beside a drive that is right, they pass for noise."""
+    rows = (place / 'square.csv').read_text().splitlines()
+    for number, row in enumerate(rows[1:], 1):
+        *others, theta = row.split(',')
+        rows[number] = ','.join([*others, theta and f'{np.degrees(float(theta)):.9f}'])
+    (place / 'degrees.csv').write_text('\n'.join(rows) + '\n')
+    robot = parameter_file.read(place / 'nominal.yaml')
+    drives = [calibrate.drive_of(calibrate.read_log(
+        place / name, robot, logs.Wanted('joint_states'))) for name in (
+            'degrees.csv', 'eight.csv', 'circle_back.csv')]
+    said = [calibrate.summary_of(robot, calibration.calibrate(kept, robot.drive))
+            for kept in (drives, drives[1:])]
+    assert ['are they in degrees?' in each for each in said] == [True, False]
+
+
+def test_medians_are_of_the_drives_that_were_kept():
+    judged = [calibrate.Judged(f'drive {number}', 0.0, error, error, error, error == 9.0)
+              for number, error in enumerate([1.0, 2.0, 3.0, 9.0])]
+    assert calibrate.judged_table(judged).splitlines()[-1].split() == [
+        'median', '2.0000', '2.0000', '2.0000']
+
+
 def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
     done = tool(
         'replay', calibrated / 'there_and_back.csv', '--params', calibrated / 'robot.yaml',
@@ -277,7 +300,7 @@ ANY = ['square.csv', '--params', 'nominal.yaml']
     (['bare.csv', *ANY[1:], '--time-offset', '0'], '--time-offset: does nothing without a ref'),
     (['bare.csv', *ANY[1:], '--align', 'start'], '--align: does nothing without a reference'),
 ])
-def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
+def test_replay_refuses_in_one_line(place, monkeypatch, capsys, arguments, rule):
     monkeypatch.chdir(place)
     Path('other.yaml').write_text(NOMINAL.replace('/**:', '/other_node:'))
     Path('there.csv').write_text('mine')
@@ -288,6 +311,7 @@ def test_replay_refuses_in_one_line(place, monkeypatch, arguments, rule):
         replay.main(arguments)
     assert '\n' not in ended.value.code
     assert ended.value.code.startswith('replay: ')
+    assert capsys.readouterr().out == ''
     assert not Path('a.csv').exists()
     assert Path('there.csv').read_text() == 'mine'
 
