@@ -205,9 +205,14 @@ class Hands:
 
     def wait_for(self, words: str) -> None:
         """Return when the page says so."""
-        self.page.wait_for_function(
-            'words => document.querySelector("header [role=status]").innerText.includes(words)',
-            arg=words, timeout=20000)
+        from playwright.sync_api import TimeoutError as TooLateError
+
+        try:
+            self.page.wait_for_function(
+                'words => document.querySelector("header [role=status]").innerText.includes(words)',
+                arg=words, timeout=20000)
+        except TooLateError:
+            raise AssertionError(f'{words!r} is not what it says: {self.status!r}') from None
 
     def press(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
         """
