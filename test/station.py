@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 DEEP = QoSProfile(depth=10000)
@@ -37,15 +38,19 @@ class Station:
         self.node = Node(name, context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin)
+        self._ended = Future()
+        self._thread = threading.Thread(
+            target=self._executor.spin_until_future_complete, args=[self._ended])
         self._thread.start()
         self._publishers = {}
 
     def close(self) -> None:
         """Shut down, and wait until the thread has ended."""
         nodes = self._executor.get_nodes()
-        self._executor.shutdown()
+        # Not by shutdown alone: that takes from the thread what it is about to wait for.
+        self._ended.set_result(None)
         self._thread.join()
+        self._executor.shutdown()
         for node in nodes:  # those under test too, or the next test in the domain meets them
             node.destroy_node()
         self.context.try_shutdown()
