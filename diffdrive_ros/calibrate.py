@@ -5,7 +5,7 @@ With a reference (motion capture, a map) any drives will do. Without one, umbmar
 poses of squares driven both ways, and line-and-turn a straight line and turns on the spot.
 """
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import astuple, dataclass, replace
 import importlib.util
@@ -136,8 +136,12 @@ class Judged:
     """Final errors of a drive: before, calibrated, and calibrated by all the others [m]."""
 
     name: str
-    time_offset: float
-    """What is added to the reference's stamps, as replay's option of that name [s]."""
+    time_offset: float | None
+    """
+    What is added to the reference's stamps, as replay's option of that name [s].
+
+    None if a drive that was left out does not tell it; its errors are without then.
+    """
     before: float
     after: float
     unseen: float | None
@@ -222,7 +226,7 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
     ]
     if found.reference_std[1] > HEADLESS:
-        lines.append('the reference has headings of its own: are they in degrees?')
+        lines.append('the headings of the reference do not fit: in degrees, or none?')
     for each in found.drives:
         if each.outlier:
             lines.append(f'left out: {each.name}: {each.outlier}')
@@ -235,8 +239,9 @@ def judged_table(judged: Sequence[Judged]) -> str:
              f'{"--time-offset [s]":>19}']
     for each in judged:
         unseen = '-' if each.unseen is None else f'{each.unseen:.4f}'
-        lines.append(f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}'
-                     f'{each.time_offset:19.4f}')
+        offset = '-' if each.time_offset is None else f'{each.time_offset:.4f}'
+        lines.append(
+            f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}{offset:>19}')
     kept = [each for each in judged if not each.is_outlier]
     unseen_errors = [each.unseen for each in kept if each.unseen is not None]
     lines.append(
@@ -246,8 +251,11 @@ def judged_table(judged: Sequence[Judged]) -> str:
     return '\n'.join(lines)
 
 
-def compared(log: Log, robot: Robot, found: 'Calibration', time_offset: float) -> Comparison:
+def compared(
+    log: Log, robot: Robot, found: 'Calibration', time_offset: float | None,
+) -> Comparison:
     """Return odometry of a log beside its reference, from the first pose on."""
+    time_offset = time_offset or 0.0
     assert log.reference is not None
     every = max(1, len(log.samples) // 500)
     known_ns = first_compared(log.samples, log.reference, time_offset)
@@ -261,20 +269,25 @@ def judge(
     unseen: 'Calibration | None', terms: 'Terms',
 ) -> Judged:
     """Return how far odometry is from the reference at the end of the drive with this index."""
-    from diffdrive_ros.calibration import clock_offset
+    from diffdrive_ros.calibration import CalibrationError, clock_offset
 
-    def offset(by: 'Calibration') -> float:
-        return clock_offset(drive, by) if terms.time_offset else 0.0
+    def offset(by: 'Calibration') -> float | None:
+        try:
+            return clock_offset(drive, by) if terms.time_offset else 0.0
+        except CalibrationError:
+            return None
 
-    def final_error(geometry: DiffDrive, by: 'Calibration', time_offset: float) -> float:
+    def final_error(geometry: DiffDrive, by: 'Calibration', time_offset: float | None) -> float:
         return compared(
             log, replace(robot, drive=geometry), by, time_offset).figures.final_position
 
     report = found.drives[index]
     own = offset(found) if report.outlier else report.time_offset
+    by_others = None if unseen is None else offset(unseen)
     return Judged(
         log.name, own, final_error(robot.drive, found, own), final_error(found.drive, found, own),
-        None if unseen is None else final_error(unseen.drive, unseen, offset(unseen)),
+        None if unseen is None or by_others is None
+        else final_error(unseen.drive, unseen, by_others),
         bool(report.outlier))
 
 
@@ -397,7 +410,7 @@ def run(options: argparse.Namespace) -> None:
         parameter_file.write(options.output, values, COMMENTS, head)
     if options.json:
         options.json.write_text(
-            json.dumps(as_json(found, judged), indent=2) + '\n', encoding='utf-8')
+            json.dumps(as_json(found, judged, values), indent=2) + '\n', encoding='utf-8')
     if options.plot:
         from diffdrive_ros import plots
         comparisons = [
@@ -451,8 +464,10 @@ def _or_not_known(deviation: float, form: str) -> str:
     return format(deviation, form) if deviation else 'not known'
 
 
-def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]:
-    """Return what was found for json.dumps."""
+def as_json(
+    found: 'Calibration', judged: Sequence[Judged], values: Mapping[str, object],
+) -> dict[str, object]:
+    """Return what was found, and what the parameters make of it, for json.dumps."""
     def listed(array: Array) -> object:
         return array.tolist()
 
@@ -461,12 +476,12 @@ def as_json(found: 'Calibration', judged: Sequence[Judged]) -> dict[str, object]
         'left_wheel_radius': found.drive.left_wheel_radius,
         'right_wheel_radius': found.drive.right_wheel_radius,
         'covariance': listed(found.covariance),
-        'wheel_separation_std': found.uncertainty.wheel_separation,
+        'wheel_separation_std': values['wheel_separation_std'],
         'separation_spread': found.separation_spread,
         'not_observed': list(found.not_observed),
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
-        'turn_variance': found.noise.turn,
+        'turn_variance': values['turn_variance'],
         'reference': {
             'position_std': found.position_std, 'heading_std': found.heading_std,
             'time_std': found.time_std, 'slow_position_std': found.slow_position_std,

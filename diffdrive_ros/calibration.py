@@ -58,6 +58,9 @@ SLOWLY = 2.0
 
 MEASURES = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
 
+# A search that went further than this, in logarithms, is given up.
+LOST = math.log(4.0)
+
 # A geometry whose last step, relative to itself, is longer has not been found.
 RESTLESS = 0.01
 
@@ -65,7 +68,7 @@ RESTLESS = 0.01
 CLOCKS = 0.5
 
 USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are headings in '
-         f'degrees, are the clocks more than {CLOCKS:g} s apart?')
+         f'degrees, are the clocks more than {CLOCKS:g} s apart, is the nominal geometry far off?')
 
 
 class CalibrationError(ValueError):
@@ -95,7 +98,7 @@ class Drive:
                     f'{self.name}: the {what} have {stamps.size} samples: must be 2 or more')
             if not (np.diff(stamps) > 0.0).all():
                 raise CalibrationError(f'{self.name}: stamps of the {what} must grow')
-        inside = self._inside()
+        inside = self.inside()
         if np.count_nonzero(inside) < 3:
             raise CalibrationError(
                 f'{self.name}: the reference, from {self.reference_seconds[0]:.3f} to '
@@ -104,7 +107,8 @@ class Drive:
         if not self.travel()[-1] > 0.0:
             raise CalibrationError(f'{self.name}: the wheels do not turn')
 
-    def _inside(self) -> Array:
+    def inside(self) -> Array:
+        """Return which poses of the reference are while the wheels are known, (M,) of bool."""
         stamps = self.reference_seconds
         inside: Array = (stamps >= self.seconds[0]) & (stamps <= self.seconds[-1])
         return inside
@@ -116,7 +120,7 @@ class Drive:
 
     def thinned(self, count: int) -> 'Drive':
         """Return the drive with at most so many poses of its reference, evenly along the way."""
-        inside = np.flatnonzero(self._inside())
+        inside = np.flatnonzero(self.inside())
         way = np.interp(self.reference_seconds[inside], self.seconds, self.travel())
         wanted = np.linspace(way[0], way[-1], count)
         chosen = inside[np.unique(np.minimum(np.searchsorted(way, wanted), len(inside) - 1))]
@@ -222,15 +226,30 @@ def calibrate(
         fit = _Fit(kept, nominal, terms)
         try:
             fit.find()
+            if not fit.is_sound and (start := _rough(kept)):
+                fit = _begun_at(start, kept, fit) or fit
             worst = fit.worst_drive() if may_leave_out else None
             if worst is None:
                 fit.check()
+                whole = _begun_at(fit.drive, drives, fit) if outliers else None
+                if whole and whole.worst_drive() is None:  # it was the fit, not the drive
+                    return whole.calibration(drives, {})
                 return fit.calibration(drives, outliers)
         except CalibrationError as error:
             worst = _spoiler(kept, nominal, terms, str(error)) if may_leave_out else None
             if worst is None:
                 raise
         outliers[indices[worst[0]]] = worst[1]
+
+
+def _begun_at(start: DiffDrive, drives: Sequence[Drive], before: '_Fit') -> '_Fit | None':
+    """Return a fit of drives from another start than before, if it gives all that is asked."""
+    fit = _Fit(drives, before.nominal, before.terms, start)
+    with suppress(CalibrationError):
+        fit.find()
+        if fit.is_sound and not fit.not_observed:
+            return fit
+    return None
 
 
 def _spoiler(
@@ -244,7 +263,9 @@ def _spoiler(
             fit.find()
             fit.check()
             found.append(index)
-    return (found[0], f'with it, {error.removesuffix(USUAL)}') if len(found) == 1 else None
+        if len(found) > 1:
+            return None
+    return (found[0], f'with it, {error.removesuffix(USUAL)}') if found else None
 
 
 def clock_offset(drive: Drive, found: Calibration) -> float:
@@ -252,7 +273,7 @@ def clock_offset(drive: Drive, found: Calibration) -> float:
     Return how much later the wheels' clock of a drive is, by a calibration that has not seen it.
 
     Start and offset [s] are fitted; geometry, marker and noise are those of the calibration.
-    Raises CalibrationError.
+    Raises CalibrationError if that finds no offset within CLOCKS.
     """
     fit = _Fit([drive], found.drive, Terms(marker=False))
     fit.free, fit.marker, fit.may_differ = (), found.marker, True
@@ -263,15 +284,15 @@ def clock_offset(drive: Drive, found: Calibration) -> float:
         found.slow_heading_std**2])
     (state,) = fit.states
     state.start = se2.compose(state.drive.reference[0], se2.inverse(found.marker))
-    try:
+    with suppress(np.linalg.LinAlgError):
         for _ in range(20):
             solution = fit.solve()
             fit.step(solution)
             if abs(solution.locals_[0][3]) < 1e-4:
                 break
-    except np.linalg.LinAlgError:
-        raise CalibrationError(f'{drive.name}: does not tell the offset of its clock') from None
-    return state.time_offset
+        if abs(state.time_offset) <= CLOCKS:
+            return state.time_offset
+    raise CalibrationError(f'{drive.name}: does not tell the offset of its clock')
 
 
 # Logarithms of the separation, the mean radius and the ratio of the radii, which are estimated.
@@ -351,12 +372,18 @@ class _Solution:
 class _Fit:
     """Gauss and Newton's steps for what is unknown, with the likeliest noise at each."""
 
-    def __init__(self, drives: Sequence[Drive], nominal: DiffDrive, terms: Terms) -> None:
+    def __init__(
+        self, drives: Sequence[Drive], nominal: DiffDrive, terms: Terms,
+        start: DiffDrive | None = None,
+    ) -> None:
+        """Begin at start, or at the nominal geometry."""
         self.nominal, self.terms = nominal, terms
-        self.geometry = np.log([
-            nominal.wheel_separation,
-            math.sqrt(nominal.left_wheel_radius * nominal.right_wheel_radius),
-            nominal.right_wheel_radius / nominal.left_wheel_radius])
+        start = start or nominal
+        self.start = np.log([
+            start.wheel_separation,
+            math.sqrt(start.left_wheel_radius * start.right_wheel_radius),
+            start.right_wheel_radius / start.left_wheel_radius])
+        self.geometry = self.start.copy()
         self.marker: Array = np.zeros(3)
         self.variances = _STARTS.copy()
         self.free, self.not_observed = _CHOICES[0]
@@ -366,7 +393,7 @@ class _Fit:
         """Whether the robot turns; without, nothing tells what its turns do."""
         thinned = [drive.thinned(POSES) for drive in drives]
         if terms.marker:
-            self.marker[2] = _marker_heading(thinned, nominal)
+            self.marker[2] = _marker_heading(thinned, start)
         self.states = [_State(
             drive, se2.compose(drive.reference[0], se2.inverse(self.marker)), 0.0,
             np.ones(len(drive.reference)), np.zeros((2, len(drive.seconds)))) for drive in thinned]
@@ -395,10 +422,22 @@ class _Fit:
             self._weigh(self.solution)
             self._smooth(self.solution, linears)
             small = 0.1 * np.sqrt(np.diag(self.solution.covariance))
-            if (np.abs(self.solution.common) <= small).all():
+            if (np.abs(self.solution.common) <= small).all() or self._is_lost():
                 break
         self.linears = [self._linear(state) for state in self.states]
         self.solution = self._solve(self.linears, self.states, self.variances)
+
+    def _is_lost(self) -> bool:
+        """Return whether the geometry is far beyond what can be, from where none comes back."""
+        return bool((np.abs(self.geometry - self.start) > LOST).any())
+
+    @property
+    def is_sound(self) -> bool:
+        """Return whether what was found can be the robot that was driven."""
+        with suppress(CalibrationError):
+            self.check()
+            return True
+        return False
 
     def check(self) -> None:
         """Raise CalibrationError if what was found cannot be the robot that was driven."""
@@ -652,6 +691,8 @@ class _Fit:
             [*each[:index], *each[index + 1:]] for each in (self.linears, self.states))
         # Far from those of all, which this drive may have spoilt.
         variances = self._likeliest(linears, states, 8.0 * _LEAP)
+        # Others of one kind of motion cannot tell how far another kind may differ.
+        variances[2] = max(variances[2], KINDS**2)
         others = self._solve(linears, states, variances)
         if (np.sqrt(np.diag(others.covariance))[:len(self.free)] > OBSERVED).any():
             return []  # it is the only one that tells a measure
@@ -736,6 +777,43 @@ def _resampled(drive: Drive, offset: float) -> tuple[Array, Array, Array, list[i
     return (
         seconds, np.interp(seconds, drive.seconds, drive.left),
         np.interp(seconds, drive.seconds, drive.right), np.searchsorted(seconds, asked).tolist())
+
+
+def _rough(drives: Sequence[Drive]) -> DiffDrive | None:
+    """
+    Return about the geometry of drives that turn and go, whatever is believed of it; or None.
+
+    Headings are linear in the angles of the wheels, by radii over separation; how far the robot
+    goes then gives the separation. Marker, clocks and noise are passed over.
+    """
+    angles, headings, goes = [], [], []
+    for index, drive in enumerate(drives):
+        inside = drive.inside()
+        drive = replace(
+            drive, reference=drive.reference[inside],
+            reference_seconds=drive.reference_seconds[inside])
+        _, left, right, asked = _resampled(drive, 0.0)
+        own = np.zeros((len(asked), len(drives)))
+        own[:, index] = 1.0
+        few = np.linspace(0, len(asked) - 1, min(len(asked), POSES)).astype(int)
+        angles.append(np.column_stack([-left[asked], right[asked], own])[few])
+        headings.append(np.unwrap(drive.reference[:, 2])[few])
+        goes.append(np.hypot(*np.diff(drive.reference[few, :2], axis=0).T))
+    matrix, turned = np.concatenate(angles), np.concatenate(headings)
+    # As the sum of errors, and not of their squares, would have it: one drive may be wrong.
+    ratios = optimize.least_squares(
+        lambda unknown: matrix @ unknown - turned, np.zeros(matrix.shape[1]),
+        lambda unknown: matrix, loss='soft_l1', f_scale=0.1).x[:2]
+    if not (ratios > 0.0).all():
+        return None
+    arcs = np.concatenate([
+        0.5 * np.diff(each[:, :2], axis=0) @ [-ratios[0], ratios[1]] for each in angles])
+    turns = np.concatenate([np.diff(each) for each in headings])
+    chords = np.abs(arcs * np.sinc(0.5 * turns / math.pi))
+    far = chords >= np.median(chords)
+    separation = float(np.median(np.concatenate(goes)[far] / chords[far]))
+    left_radius, right_radius = (ratios * separation).tolist()
+    return DiffDrive(separation, left_radius, right_radius)
 
 
 def _marker_heading(drives: Sequence[Drive], nominal: DiffDrive) -> float:

@@ -9,6 +9,8 @@ from typing import Any
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 
+MOST_REQUESTS = 10  # as many as a service keeps
+
 
 def take_message(subscription: Subscription) -> None:
     """Give a callback that wants the time of sending the message that waits, if there is one."""
@@ -19,9 +21,9 @@ def take_message(subscription: Subscription) -> None:
 
 
 def take_requests(service: Service) -> None:
-    """Answer the requests that wait, if there are any."""
+    """Answer the requests that wait, if there are any; what comes faster waits for its turn."""
     kind: Any = service.srv_type
-    while True:
+    for _ in range(MOST_REQUESTS):
         with service.handle:
             request, header = service.handle.service_take_request(kind.Request)
         if header is None:

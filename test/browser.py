@@ -209,7 +209,7 @@ class Hands:
 
         try:
             self.page.wait_for_function(
-                'words => document.querySelector("header [role=status]").innerText.includes(words)',
+                'it => document.querySelector("header [role=status]").innerText.includes(it)',
                 arg=words, timeout=20000)
         except TooLateError:
             raise AssertionError(f'{words!r} is not what it says: {self.status!r}') from None

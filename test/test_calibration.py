@@ -3,7 +3,7 @@ from dataclasses import replace
 
 from calibration_consistency import NOISE, NOMINAL, SHAPES, simulated_drive, z_scores
 from diffdrive_ros import se2
-from diffdrive_ros.calibration import calibrate, CalibrationError, Drive, Terms
+from diffdrive_ros.calibration import calibrate, CalibrationError, clock_offset, Drive, Terms
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.odometry import integrate, WheelNoise
 import numpy as np
@@ -264,6 +264,39 @@ def test_a_drive_with_another_separation_is_named_and_does_not_hide_itself(seed)
         for name in names], NOMINAL)
     assert [drive.name for drive in found.drives if drive.outlier] == ['eight']
     assert abs(found.drive.wheel_separation - TRUTH.wheel_separation) < 3.0 * found.deviations[0]
+
+
+def test_a_drive_of_another_kind_may_have_a_separation_that_is_a_little_different():
+    """Which drives of one kind alone do not show."""
+    random, quiet = np.random.default_rng(1), WheelNoise(5e-7, 5e-7, 5e-6)
+    squares = replace(TRUTH, wheel_separation=0.99 * TRUTH.wheel_separation)
+    found = calibrate([
+        simulated_drive(name, TRUTH if name == 'eight' else squares, quiet, MARKER, random)
+        for name in (*2 * ('square', 'square back'), 'eight')], NOMINAL)
+    assert [drive.outlier for drive in found.drives] == [''] * 5
+    assert found.uncertainty.wheel_separation > 0.003 * TRUTH.wheel_separation
+
+
+@pytest.mark.parametrize('nominal', [
+    DiffDrive(0.2554, 0.0405, 0.0479), DiffDrive(0.19, 0.05, 0.05)])
+def test_a_nominal_geometry_that_is_far_off_spoils_neither_drives_nor_fit(nominal):
+    drives = noisy_drives(14, ('square', 'square back', 'circle', 'eight'))
+    found = calibrate(drives, nominal)
+    assert [drive.outlier for drive in found.drives] == [''] * 4
+    errors = geometry_of(found.drive) - geometry_of(TRUTH)
+    assert (np.abs(errors) < 3.5 * found.deviations).all()
+
+
+def test_the_offset_of_a_clock_that_a_drive_does_not_tell_is_none():
+    drives = noisy_drives()
+    found = calibrate(drives, NOMINAL)
+    for index, drive in enumerate(drives):
+        assert clock_offset(drive, found) == pytest.approx(
+            found.drives[index].time_offset, abs=0.02)
+    first = drives[0].reference[:1]
+    frozen = replace(drives[0], reference=np.repeat(first, len(drives[0].reference), axis=0))
+    with pytest.raises(CalibrationError, match='does not tell the offset of its clock'):
+        clock_offset(frozen, found)
 
 
 def test_a_drive_with_a_clock_of_another_day_is_named_and_does_not_spoil_the_others():

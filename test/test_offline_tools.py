@@ -148,9 +148,12 @@ def test_what_the_drives_do_not_tell_stays_as_the_file_has_it():
     found = calibration.calibrate(
         [calibration.Drive('line', seconds, left, right, seconds, noisy)], robot.drive)
     assert found.not_observed
-    after = Robot.of(calibrate.parameters_of(robot, found))
+    values = calibrate.parameters_of(robot, found)
+    after = Robot.of(values)
     assert after.drive.wheel_separation == pytest.approx(0.303)
     assert after.uncertainty.wheel_separation == 0.0007
+    judged = [calibrate.Judged('line', None, 0.0, 0.0, None, is_outlier=False)]
+    assert calibrate.as_json(found, judged, values)['wheel_separation_std'] == 0.0007
 
 
 def test_noise_that_is_too_little_to_be_seen_is_printed_as_less_than_the_least(late_clocks):
@@ -171,14 +174,16 @@ def test_headings_that_are_none_are_said_to_be_none(place):
             'degrees.csv', 'eight.csv', 'circle_back.csv')]
     said = [calibrate.summary_of(robot, calibration.calibrate(kept, robot.drive))
             for kept in (drives, drives[1:])]
-    assert ['are they in degrees?' in each for each in said] == [True, False]
+    assert ['in degrees, or none?' in each for each in said] == [True, False]
 
 
 def test_medians_are_of_the_drives_that_were_kept():
-    judged = [calibrate.Judged(f'drive {number}', 0.0, error, error, error, error == 9.0)
-              for number, error in enumerate([1.0, 2.0, 3.0, 9.0])]
-    assert calibrate.judged_table(judged).splitlines()[-1].split() == [
-        'median', '2.0000', '2.0000', '2.0000']
+    judged = [calibrate.Judged(f'run{number}', 0.02, error, error, error, is_outlier=False)
+              for number, error in enumerate([1.0, 2.0, 3.0])]
+    judged.append(calibrate.Judged('run3', None, 9.0, 9.0, None, is_outlier=True))
+    *_, left_out, medians = calibrate.judged_table(judged).splitlines()
+    assert left_out.split() == ['run3', '9.0000', '9.0000', '-', '-']
+    assert medians.split() == ['median', '2.0000', '2.0000', '2.0000']
 
 
 def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
