@@ -596,8 +596,7 @@ class _Fit:
             right_side[-3:-1] -= prior[:2] * self.marker[:2]
         objective, parts, normals = 0.0, [], []
         for linear, state in zip(linears, states, strict=True):
-            inverse, determinant = _inverse(
-                np.einsum('k,kij->ij', variances, linear.components))
+            inverse, determinant = _inverse(np.tensordot(variances, linear.components, 1))
             derivatives = np.concatenate([linear.local, linear.common], axis=1)
             weighed = inverse @ derivatives
             own = linear.local.shape[1]
@@ -632,8 +631,8 @@ class _Fit:
                 [own_inverse - across @ eliminated[:, 1:].T, across], [across.T, covariance]])
             moved = linear.components @ weighed
             gradient += (
-                np.einsum('kij,ij->k', linear.components, inverse)
-                - np.einsum('kia,ib,ab->k', moved, weighed, joint, optimize=True)
+                np.tensordot(linear.components, inverse, 2)
+                - np.tensordot(moved, weighed @ joint, 2)
                 - (linear.components @ smooth[-1]) @ smooth[-1])
         return _Solution(
             common, information, covariance, locals_, [part[3] for part in parts], normals,
@@ -853,7 +852,7 @@ def _inverse(covariance: Array) -> tuple[Array, float]:
     if info != 0:
         raise np.linalg.LinAlgError('the residuals have no valid covariance')
     inverse, _ = linalg.lapack.dpotri(factor, lower=1)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    inverse = inverse + np.tril(inverse, -1).T  # it has but its lower triangle
     return inverse, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
