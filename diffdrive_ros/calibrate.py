@@ -68,7 +68,9 @@ def on_all_cores(
     # A flag and no exception: that could come while the caller keeps what is done.
     stop = threading.Event()
     before = signal.signal(signal.SIGINT, lambda number, frame: stop.set())
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(
+            console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task(what, total=len(tasks))
         try:
             while pending and not stop.is_set():
@@ -90,6 +92,11 @@ def on_all_cores(
 def _begin_worker() -> None:
     """Leave Ctrl-C to the parent, and the other cores to the other workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _keep_to_one_core()
+
+
+def _keep_to_one_core() -> None:
+    """Let linear algebra do without threads: of matrices as small as these, they wait."""
     try:
         from threadpoolctl import threadpool_limits
     except ImportError:  # no distribution of ROS has it; it takes several times as long
@@ -101,7 +108,9 @@ def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
     """Return a log with its reference; raises LogError."""
     log = logs.read(path, robot.feedback(), wanted)
     if log.reference is None:
-        raise logs.LogError(f'{path}: has no reference; --reference names its topic')
+        raise logs.LogError(f'{path}: has no reference; ' + (
+            'a CSV has it in the columns x,y,theta' if path.suffix == '.csv'
+            else '--reference names its topic'))
     stamps, _, _ = log.wheels()
     seen = log.reference.stamps_ns
     if seen[-1] < stamps[0] or seen[0] > stamps[-1]:
@@ -224,6 +233,8 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
             f'{1e3 * value:.2f} ± {_or_not_known(1e3 * deviation, ".2f")} {unit}'
             for value, deviation, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
+        'for replay             --marker ' + ' '.join(f'{each:.5f}' for each in found.marker)
+        + ' --reference-std ' + ' '.join(f'{each:.5f}' for each in found.reference_std),
     ]
     if found.reference_std[1] > HEADLESS:
         lines.append('the headings of the reference do not fit: in degrees, or none?')
@@ -376,6 +387,7 @@ def run(options: argparse.Namespace) -> None:
     from diffdrive_ros.calibration import calibrate, Terms
     from rich.console import Console
 
+    _keep_to_one_core()
     robot = robot_of(options)
     wanted = Wanted(options.wheels, options.reference, options.reference_child)
     read: dict[int, Log] = {}

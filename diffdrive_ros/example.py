@@ -6,6 +6,7 @@ shows a fifth before and after. Each command is printed as one would type it.
 """
 import argparse
 from collections.abc import Callable, Sequence
+import json
 import math
 from pathlib import Path
 import shlex
@@ -80,9 +81,13 @@ def run(folder: Path) -> None:
     _do('calibrate', calibrate.main, [
         *known, '--params', f'{folder}/nominal.yaml', *common, '--output', f'{folder}/robot.yaml',
         '--json', f'{folder}/found.json', '--plot', f'{folder}/calibration.png'])
+    found = json.loads((folder / 'found.json').read_text(encoding='utf-8'))['reference']
+    marker = [f'{each:.5f}' for each in found['marker']]
+    deviations = [f'{math.hypot(found[f"{each}_std"], found[f"slow_{each}_std"]):.5f}'
+                  for each in ('position', 'heading')]
     _do('replay', replay.main, [
         unseen, '--before', f'{folder}/nominal.yaml', '--params', f'{folder}/robot.yaml', *common,
-        '--marker', *map(str, MARKER), '--reference-std', *map(str, CAPTURE), '--plot',
+        '--marker', *marker, '--reference-std', *deviations, '--plot',
         f'{folder}/replay.png'])
     print(f'Pictures: {folder}/calibration.png, {folder}/replay.png')
 

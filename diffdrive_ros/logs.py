@@ -226,8 +226,10 @@ def _read_bag(
             else:
                 heard.update(all_names)
     if not samples:
+        joints_of_wheels = {*feedback.left_names, *feedback.right_names}
+        missing = sorted(joints_of_wheels - heard or joints_of_wheels)
         raise LogError(
-            f'{path}: no sample of {", ".join((*feedback.left_names, *feedback.right_names))} on '
+            f'{path}: no sample of {", ".join(missing)} on '
             f'{wanted.wheels}'
             + (f': {feedback.complaint}' if feedback.complaint else '')
             + f'; its joints are {", ".join(sorted(heard)) or "none"}')

@@ -149,7 +149,7 @@ def test_what_a_bag_does_not_have_is_said_with_what_it_has(tmp_path):
         logs.read(folder, feedback(), Wanted(wheels='wheels'))
     with pytest.raises(LogError, match=r'on /odom; it has .*/mocap \(Odometry\)'):
         logs.read(folder, feedback(), Wanted(reference='/odom'))
-    with pytest.raises(LogError, match=r'no sample of l, right_wheel_.*joints are arm, left_'):
+    with pytest.raises(LogError, match=r'no sample of l on joint_s.*joints are arm, left_'):
         logs.read(folder, WheelFeedback(['l'], [WHEELS[1]]))
     with pytest.raises(LogError, match='no such file'):
         logs.read(tmp_path / 'nothing.mcap', feedback())
