@@ -809,8 +809,10 @@ def _rough(drives: Sequence[Drive]) -> DiffDrive | None:
         0.5 * np.diff(each[:, :2], axis=0) @ [-ratios[0], ratios[1]] for each in angles])
     turns = np.concatenate([np.diff(each) for each in headings])
     chords = np.abs(arcs * np.sinc(0.5 * turns / math.pi))
-    far = chords >= np.median(chords)
-    separation = float(np.median(np.concatenate(goes)[far] / chords[far]))
+    far = (chords >= np.median(chords)) & (chords > 0.0)
+    separation = float(np.median(np.concatenate(goes)[far] / chords[far])) if far.any() else 0.0
+    if not separation > 0.0:
+        return None
     left_radius, right_radius = (ratios * separation).tolist()
     return DiffDrive(separation, left_radius, right_radius)
 

@@ -169,6 +169,7 @@ def test_a_perfectly_straight_line_keeps_the_nominal_separation_and_says_so():
     (lambda drive: replace(drive, left=0.0 * drive.left), 'mm: must be 0.5 to 2'),
     (lambda drive: replace(drive, reference_seconds=drive.reference_seconds + 1.0),
      'time_offset = '),
+    (lambda drive: replace(drive, reference=0.0 * drive.reference), 'mm: must be 0.5 to 2'),
 ])
 def test_what_cannot_be_the_robot_that_was_driven_is_refused_with_the_usual_causes(damage, rule):
     drives = [damage(drive) for drive in noisy_drives(names=('square', 'eight', 'square back'))]
