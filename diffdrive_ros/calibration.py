@@ -794,6 +794,7 @@ def _rough(drives: Sequence[Drive]) -> DiffDrive | None:
         _, left, right, asked = _resampled(drive, 0.0)
         own = np.zeros((len(asked), len(drives)))
         own[:, index] = 1.0
+        # Not thinned before, or headings would turn too far between two to be unwrapped.
         few = np.linspace(0, len(asked) - 1, min(len(asked), POSES)).astype(int)
         angles.append(np.column_stack([-left[asked], right[asked], own])[few])
         headings.append(np.unwrap(drive.reference[:, 2])[few])

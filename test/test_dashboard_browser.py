@@ -809,7 +809,7 @@ def test_a_robot_without_a_timeout_is_not_driven(
     field.fill('0.5')
     field.press('Enter')
     field.blur()
-    hands.wait_for('press')  # a key, or again: a page that was held up lost the one above
+    hands.wait_for('Nobody drives')
     drive_off(hands, robot)
 
 

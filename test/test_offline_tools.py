@@ -324,7 +324,8 @@ def test_replay_refuses_in_one_line(place, monkeypatch, capsys, arguments, rule)
 @pytest.mark.parametrize(('arguments', 'rule'), [
     ([], 'no logs; or --umbmark'),
     (['square.csv'], 'what is the robot nominally'),
-    (['bare.csv', '--params', 'nominal.yaml'], 'no reference; a CSV has it in the columns x,y'),
+    (['bare.csv', '--params', 'nominal.yaml'],
+     'bare.csv: has no reference; a CSV has it in the columns x,y,theta'),
     (['late.csv', '--params', 'nominal.yaml'], 'from 900.000 to 901.000 s, does not overlap'),
     (['square.csv', '--params', 'nominal.yaml', '--output', 'other.yaml'], 'exists: --force'),
     ([*ANY, '--output', 'nominal.yaml', '--force'], 'nominal.yaml is an input, must be another'),
