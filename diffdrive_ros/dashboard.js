@@ -196,14 +196,17 @@ const chart = {
     });
   },
   zoom(factor) {
-    this.follows = false;
     this.view.scale = Math.min(2000, Math.max(5, this.view.scale * factor));
     this.ask();
   },
   fit() {
-    this.follows = true;
+    this.follow(true);
     this.view.scale = SCALE;
     this.ask();
+  },
+  follow(follows) {
+    if (follows !== this.follows) this.$emit('follow', { follows });
+    this.follows = follows;
   },
   wheel(event) {
     this.zoom(event.deltaY < 0 ? 1.15 : 1 / 1.15);
@@ -256,7 +259,7 @@ const chart = {
     this.drag.last = point;
     const [from, to] = [this.world(last), this.world(point)];
     if (name === 'view') {
-      this.follows = false;
+      this.follow(false);
       this.view.x -= to[0] - from[0];
       this.view.y -= to[1] - from[1];
       return this.ask();
@@ -310,6 +313,7 @@ const chart = {
     if (this.frame.truth) this.drawRobot(pen, this.frame.truth, color('truth'), false);
     this.drawRobot(pen, this.pose(), color('odom'), true, color);
     window.glance = { sight: this.frame.tick, stops: this.frame.stops };
+    document.body.classList.toggle('silent', this.frame.silent);
     canvas.dataset.drawn = Number(canvas.dataset.drawn || 0) + 1;
   },
   keepInView() {
@@ -404,7 +408,7 @@ const chart = {
 
 export default {
   props: { kind: String, label: String, range: Array },
-  emits: ['beat', 'halt', 'touch', 'limit'],
+  emits: ['beat', 'halt', 'touch', 'limit', 'follow'],
   template: `
     <div v-if="kind === 'pad'" ref="stick" class="stick" role="img" :aria-label="label"
       @pointerdown="grab" @pointermove="move" @pointerup="drop" @pointercancel="drop"

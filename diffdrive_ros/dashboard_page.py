@@ -68,7 +68,8 @@ class Page:
         drive = robot.drive
         self._map.run_method('show', {
             'tick': now * 1e3, 'stops': robot.pilot.stops,
-            'odom': robot.odom or (0.0, 0.0, 0.0), 'truth': robot.truth, 'ellipse': robot.ellipse,
+            'silent': robot.is_silent, 'odom': robot.odom or (0.0, 0.0, 0.0),
+            'truth': robot.truth, 'ellipse': robot.ellipse,
             'wheels': robot.wheels, 'tracks': tracks,
             'geometry': (drive.wheel_separation, drive.left_wheel_radius,
                          drive.right_wheel_radius)})
@@ -83,6 +84,8 @@ class Page:
             f'asked    {_said(robot.asked)}\n'
             f'applied  {_said(robot.applied)}{hint}\n'
             f'measured {_said(robot.twist)}')
+        self._ellipse.set_text('● 95 % of the position' + (
+            f': ±{robot.ellipse[0]:.3f} × {robot.ellipse[1]:.3f} m' if robot.ellipse else ''))
         self._kinematics.refresh()
         if self._tabs.value == DIAGNOSTICS:
             self._diagnostics.refresh()
@@ -102,8 +105,9 @@ class Page:
                 'role=heading aria-level=1')
             self._status = ui.label('Looking for the robot').props(
                 'role=status aria-live=polite').classes('grow basis-0')
+            ui.label('Connection lost').props('role=alert').classes('grow basis-0')
             ui.button('Light or dark', on_click=self._turn_light).props(
-                'flat dense color=white no-caps').classes('max-sm:hidden')
+                'flat dense color=white no-caps')
             View('stop', 'STOP the robot').hear('halt', lambda arguments: self.halt())
         with ui.element('div').classes('layout'):
             with ui.element('section').classes('panel at-map').props('aria-label="Map"'):
@@ -119,19 +123,23 @@ class Page:
             'map', 'Map of the robot. Drag it, turn it by the tip of its arrow, drag the arrows '
             'of its wheels; the panel Kinematics does the same by the keyboard.')
         self._map.hear('touch', self._on_touch)
+        self._map.hear('follow', self._on_follow)
         with ui.row().classes('items-center gap-2 pt-2'):
-            for name, method in (
-                    ('Zoom in', ('zoom', 1.4)), ('Zoom out', ('zoom', 1.0 / 1.4)),
-                    ('Follow', ('fit',))):
-                ui.button(name, on_click=partial(self._map.run_method, *method)).props(
-                    'dense outline no-caps').classes('px-2')
+            for name, *method in (('Zoom in', 'zoom', 1.4), ('Zoom out', 'zoom', 1.0 / 1.4)):
+                self._small_button(name, *method)
+            self._follow = self._small_button('Follow', 'fit')
+            self._on_follow({'follows': True})
             with ui.row().classes('gap-x-3 gap-y-0 text-sm'):
                 ui.label('━ odometry').style('color: var(--map-odom)')
                 ui.label('╍ truth').style('color: var(--map-truth)')
-                ui.label('● 95 % of the position').style('color: var(--map-odom)')
+                self._ellipse = ui.label().style('color: var(--map-odom)')
+
+    def _small_button(self, name: str, *method: Any) -> ui.button:
+        return ui.button(name, on_click=lambda: self._map.run_method(*method)).props(
+            'dense outline no-caps').classes('px-2')
 
     def _build_drive(self) -> None:
-        with ui.row().classes('gap-2'):
+        with ui.row().classes('gap-2 choices'):
             self._resume = ui.button('Release the stop').props('no-caps color=green-10')
             self.do_now(self._resume, 'click', self._on_resume)
             self._take = ui.button('Take the wheel').props('no-caps')
@@ -147,7 +155,9 @@ class Page:
                 self._linear = Limit('Fastest [m/s]', 0.05, 1.0, 0.05, 0.3)
                 self._angular = Limit('Fastest turn [rad/s]', 0.1, 3.0, 0.1, 1.5)
         ui.label('Hold W A S D, the arrow keys or the joystick to drive; let go to stop. '
-                 'Esc is STOP.').classes('quiet text-sm pt-1')
+                 'Esc is STOP.').classes('quiet text-sm pt-1 with-keys')
+        ui.label('Hold the joystick to drive; let go to stop.').classes(
+            'quiet text-sm pt-1 without-keys')
         self._speeds = ui.label().classes('numbers pt-1')
 
     def _build_panels(self) -> None:
@@ -156,7 +166,7 @@ class Page:
             parameters = ui.tab('Parameters')
             diagnostics = ui.tab(DIAGNOSTICS)
         with ui.tab_panels(self._tabs, value=kinematics).classes('w-full bg-transparent'):
-            with ui.tab_panel(kinematics).classes('p-1'):
+            with ui.tab_panel(kinematics).classes('p-1 gap-2'):
                 self._kinematics = KinematicsPanel(self, self._robot)
             with ui.tab_panel(parameters).classes('p-1'):
                 self._parameters = ParametersPanel(self, self._robot)
@@ -196,6 +206,9 @@ class Page:
                 self.set_pose(said['pose'])
             else:
                 self.forget_touch()
+
+    def _on_follow(self, said: Mapping[str, Any]) -> None:
+        self._follow.props(f'aria-pressed={"true" if said.get("follows") else "false"}')
 
     def do_now(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
         """Have an event do something to the robot, unless it was held up on its way."""
@@ -323,7 +336,7 @@ class Page:
             return 'Another page drives'
         if complaint := pilot.complaint(self.identity):
             return f'Stopped: {complaint}. Let go, and press again'
-        return 'You drive' if is_ours else 'Nobody drives: press a key to drive'
+        return 'You drive' if is_ours else 'Nobody drives: press a key or the joystick'
 
 
 def _said(twist: Twist | None) -> str:

@@ -46,9 +46,7 @@ class KinematicsPanel:
         self._touched_at = 0.0
         self.wheels: tuple[float, float] = (0.0, 0.0)
         self._are_wheels_touched = False
-        self._source = ui.label().classes('text-sm quiet')
-        self._text = ui.label().classes('numbers')
-        with ui.row().classes('gap-2 items-end pt-2'):
+        with ui.row().classes('gap-2 items-end'):
             self._x, self._y, self._theta = (
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
                 for name, step in (('x [m]', 0.1), ('y [m]', 0.1), ('θ [rad]', 0.1)))
@@ -56,13 +54,15 @@ class KinematicsPanel:
             page.do_now(
                 ui.button('Reset odometry').props('no-caps dense outline'), 'click',
                 self._on_reset)
-        with ui.row().classes('gap-2 items-end pt-1'):
+        with ui.row().classes('gap-1 items-end'):
             self._left, self._right = (
                 ui.number(name, value=0.0, format='%.2f', step=0.5, on_change=self._on_speeds
-                          ).props('dense').classes('w-32')
+                          ).props('dense').classes('w-24')
                 for name in ('left wheel [rad/s]', 'right wheel [rad/s]'))
             View('hold', 'Hold to drive')
             ui.button('Live', on_click=self._forget).props('no-caps dense outline')
+        self._source = ui.label().classes('text-sm quiet')
+        self._text = ui.label().classes('numbers')
 
     def touch(self, pose: Any, wheels: Any) -> None:
         """Take what is being dragged on the map."""
@@ -81,8 +81,9 @@ class KinematicsPanel:
         pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
         told = self.wheels if self._are_wheels_touched else self._robot.wheels
         speeds = told or (math.nan, math.nan)
-        self._source.set_text(
-            'As you touch it' if self._pose or self._are_wheels_touched else 'As it is now')
+        is_touched = self._pose or self._are_wheels_touched
+        self._source.set_text('As you touch it' if is_touched else (
+            'As it was last: odom is silent' if self._robot.is_silent else 'As it is now'))
         self._text.set_text(kinematics_text.equations(self._robot.drive, pose, speeds))
 
     def _take_wheels(self, left: float, right: float) -> None:
@@ -178,6 +179,7 @@ class ParametersPanel:
             now = next((each.text for each in self._shown if each.name == name), 'not known')
             reason = f'Refused: {reason}. It is {now}'
         self._answers[name].set_text(reason or 'Set')
+        self._answers[name].classes(**{'add' if reason else 'remove': 'refused'})
 
 
 class DiagnosticsPanel:

@@ -160,6 +160,33 @@ def test_the_numbers_are_on_the_page(hands: Hands) -> None:
     hands.page.get_by_text('OK /odometry: feedback: 50 Hz').wait_for()
 
 
+def test_the_map_keeps_the_robot_in_sight_until_it_is_dragged_away(hands: Hands) -> None:
+    """However far one zooms; Follow says whether it does, and does it again."""
+    follow = hands.page.get_by_role('button', name='Follow')
+    canvas = hands.page.locator('canvas').bounding_box()
+
+    def is_in_sight() -> bool:
+        x, y = hands.handles()['body']
+        return (canvas['x'] < x < canvas['x'] + canvas['width']
+                and canvas['y'] < y < canvas['y'] + canvas['height'])
+
+    hands.page.get_by_label('x [m]').fill('0.7')
+    hands.page.get_by_role('button', name='Set pose').click()
+    hands.page.get_by_text('x = 0.700 m').wait_for()
+    for _ in range(6):
+        hands.page.get_by_role('button', name='Zoom in').click()
+    hands.page.wait_for_timeout(300)
+    assert is_in_sight()
+    assert follow.get_attribute('aria-pressed') == 'true'
+    hands.drag((canvas['x'] + 15, canvas['y'] + 15), canvas['width'] - 30, 0)
+    hands.page.locator('[aria-pressed=false]').get_by_text('Follow').wait_for()
+    assert not is_in_sight()
+    follow.click()
+    hands.page.locator('[aria-pressed=true]').get_by_text('Follow').wait_for()
+    hands.page.wait_for_timeout(300)
+    assert is_in_sight()
+
+
 # Drive it
 
 
@@ -323,6 +350,34 @@ def test_a_second_finger_stops_while_the_first_holds_the_joystick(
     hands.wait_for('STOPPED')
     touch('touchEnd')
     release(hands)
+
+
+def test_no_button_that_comes_moves_the_joystick(
+        shared: SimpleNamespace, visit: Callable[..., Hands], hands: Hands,
+        robot: Robot) -> None:
+    """A finger is on it, or on its way to it; nor does STOP move, on the smallest phone."""
+    drive_off(hands, robot)
+    small = visit(shared.dashboard.url, has_touch=True, viewport={'width': 320, 'height': 640})
+    pages = {hands: '.stick', small: '.stick, .stop'}
+
+    def places() -> list[object]:
+        small.page.evaluate('scrollTo(0, 0)')  # a click scrolls to what it clicks
+        return [each.bounding_box() for page, what in pages.items()
+                for each in page.page.locator(what).all()]
+
+    small.wait_for('Another page drives')
+    small.page.get_by_role('button', name='Take the wheel').wait_for()
+    before = places()
+    assert len(before) == 3
+    press_stop(small)
+    for page in pages:
+        page.wait_for('STOPPED')
+        page.page.get_by_role('button', name='Release the stop').wait_for()
+    assert places() == before
+    hands.page.keyboard.up('w')
+    release(hands)
+    small.wait_for('Another page drives')
+    assert places() == before
 
 
 def test_a_click_on_stop_is_one_stop(hands: Hands) -> None:
@@ -668,8 +723,8 @@ def test_a_server_that_dies_stops_the_robot_and_one_that_comes_back_is_driven_ag
     moment = time.monotonic()
     dashboard.signal(signal.SIGKILL)
     assert robot.stopped_after(moment) < TIMEOUT + PERIOD + SLACK
-    hands.page.wait_for_function("""() => getComputedStyle(
-        document.querySelector('header [role=status]'), '::after').content.includes('lost')""")
+    hands.page.get_by_role('alert').get_by_text('Connection lost').wait_for()
+    assert not hands.page.locator('header [role=status]').is_visible()
     count = len(robot.commands)
     watch(port=dashboard.port)
     hands.wait_for('press')  # a key, or again
@@ -780,6 +835,8 @@ def test_an_odometry_that_is_killed_and_started_anew_is_looked_at_anew(
     odometry.signal(signal.SIGKILL)
     hands.wait_for('odom is silent')
     hands.page.get_by_text('measured not told').wait_for()
+    hands.page.get_by_text('As it was last').wait_for()
+    hands.page.wait_for_selector('body.silent')
     hands.page.keyboard.up('w')
     start('odometry_node', cmd_vel_timeout=0.0)
     hands.wait_for('cmd_vel_timeout is 0')
