@@ -370,6 +370,15 @@ def robot_of(options: argparse.Namespace) -> Robot:
         'wheel_separation': options.separation, 'wheel_radius': options.radius})
 
 
+def refuse_twice(paths: Sequence[Path]) -> None:
+    """Raise OptionError if a log is given twice: it would count as two drives that agree."""
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise OptionError(f'{path}: is given twice')
+        seen.add(path.resolve())
+
+
 def run(options: argparse.Namespace) -> None:
     """Calibrate by logs; raises ValueError for what cannot be done."""
     check_outputs(
@@ -381,6 +390,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.logs:
         raise OptionError('no logs; or --umbmark, or --line-and-turn')
     refuse_idle(options, ('--side',), 'without --umbmark')
+    refuse_twice(options.logs)
     for extra in ('rich', 'scipy'):
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
@@ -454,7 +464,12 @@ def run_by_ends(options: argparse.Namespace) -> None:
             (left, right), distance, sideways, (turn_left, turn_right), turned, robot.drive)
     measures = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
     for name in measures:
-        plausible(name, getattr(found.drive, name), getattr(robot.drive, name))
+        try:
+            plausible(name, getattr(found.drive, name), getattr(robot.drive, name))
+        except ValueError as error:
+            raise OptionError(
+                f'{error}: are angles in degrees, lengths in mm, signs turned round, or is the '
+                'nominal geometry far off?') from None
     deviations = np.sqrt(np.diag(found.covariance)).tolist()
     # The sum of both radii is what it was before: their covariance is that of the ratio alone.
     known = [bool(deviation) and (name == 'wheel_separation' or not options.umbmark)
@@ -497,7 +512,8 @@ def as_json(
         'reference': {
             'position_std': found.position_std, 'heading_std': found.heading_std,
             'time_std': found.time_std, 'slow_position_std': found.slow_position_std,
-            'slow_heading_std': found.slow_heading_std, 'marker': listed(found.marker),
+            'slow_heading_std': found.slow_heading_std,
+            'reference_std': list(found.reference_std), 'marker': listed(found.marker),
             'marker_std': listed(found.marker_std)},
         'drives': [
             {'name': each.name, 'time_offset': errors.time_offset, 'left_out': each.outlier,

@@ -67,8 +67,9 @@ RESTLESS = 0.01
 # Clocks that are further apart than this are not found: the offset has to be known beforehand [s].
 CLOCKS = 0.5
 
-USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are headings in '
-         f'degrees, are the clocks more than {CLOCKS:g} s apart, is the nominal geometry far off?')
+USUAL = (': are the sides swapped, is a direction wrong, does a wheel not count, are angles in '
+         'degrees or positions in mm, are the clocks more than '
+         f'{CLOCKS:g} s apart, is the nominal geometry far off?')
 
 
 class CalibrationError(ValueError):

@@ -83,8 +83,7 @@ def run(folder: Path) -> None:
         '--json', f'{folder}/found.json', '--plot', f'{folder}/calibration.png'])
     found = json.loads((folder / 'found.json').read_text(encoding='utf-8'))['reference']
     marker = [f'{each:.5f}' for each in found['marker']]
-    deviations = [f'{math.hypot(found[f"{each}_std"], found[f"slow_{each}_std"]):.5f}'
-                  for each in ('position', 'heading')]
+    deviations = [f'{each:.5f}' for each in found['reference_std']]
     _do('replay', replay.main, [
         unseen, '--before', f'{folder}/nominal.yaml', '--params', f'{folder}/robot.yaml', *common,
         '--marker', *marker, '--reference-std', *deviations, '--plot',

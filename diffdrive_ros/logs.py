@@ -7,7 +7,7 @@ angles [rad], continuous and growing as the robot drives forward, and a pose of 
 wheels come from JointStates by name, and poses from Odometry, PoseStamped,
 PoseWithCovarianceStamped or TF, by topic; what else is in it is passed over unread.
 """
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import math
@@ -120,7 +120,7 @@ def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
     poses: _Poses = []
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
-            rows = csv.reader(file)
+            rows = csv.reader(_whole_lines(path, file))
             header = [name.strip() for name in next(rows, [])]
             if header not in (COLUMNS, WITH_REFERENCE):
                 raise LogError(
@@ -149,6 +149,14 @@ def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise LogError(f'{path}: {error}') from None
     return samples, poses if header == WITH_REFERENCE else None
+
+
+def _whole_lines(path: Path, file: Iterable[str]) -> Iterator[str]:
+    """Yield the lines of a file; raises LogError if the last one has no end."""
+    for line in file:
+        if not line.endswith(('\n', '\r')):  # its last number may lack digits
+            raise LogError(f'{path}: the last line does not end: was it cut off?')
+        yield line
 
 
 def read_ends(path: Path) -> dict[str, Array]:
@@ -287,8 +295,11 @@ class _Bag:
             raise
         except Exception as error:
             detail = ' '.join(str(error).split()) or type(error).__name__
+            repair = ' (mcap recover saves what is whole)' * (
+                self._path.suffix == '.mcap' or any(self._path.glob('*.mcap')))
             raise LogError(
-                f'{self._path}: cannot be read as a bag, was it cut off? {detail}') from None
+                f'{self._path}: cannot be read as a bag, was it cut off?{repair} {detail}'
+            ) from None
 
 
 def _of_one_child(path: Path, wanted: Wanted, poses: _Poses) -> _Poses:

@@ -119,6 +119,7 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage, damage):
         assert '\n' not in str(error.value)
         assert str(path) in str(error.value)
         assert 'was it cut off?' in str(error.value)
+        assert ('mcap recover' in str(error.value)) == (storage == 'mcap')
 
 
 @pytest.mark.parametrize(('content', 'rule'), [
@@ -132,6 +133,7 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage, damage):
     ('stamp,left,right\n0,0,0\n1,1,1\n0,0,0\n1,1,1\n', 'line 4: stamp 0 is not later'),
     ('stamp,left,right\n0,0,0\n1e300,1,1\n', r'line 3: stamp 1e300: must be within 9e\+09 s'),
     ('stamp,left,right\n0,0,0\n-1e300,1,1\n', 'line 3: stamp -1e300: must be within'),
+    ('stamp,left,right\n0,0,0\n1,1,1.2', 'the last line does not end: was it cut off?'),
     (f'stamp,left,right\n0,0,0\n{"7" * 5000},1,1\n', 'line 3: .*must be finite numbers'),
     (f'stamp,left,right\n0,0,0\n{"7" * 50},1,1\n', 'line 3: stamp 7{40}: must be within'),
     ('stamp,left,right\n0,0,0\n1,1e300,1\n', r'line 3: 1e300,1: must be within 1e\+09 rad'),

@@ -330,6 +330,7 @@ def test_replay_refuses_in_one_line(place, monkeypatch, capsys, arguments, rule)
     (['square.csv', '--params', 'nominal.yaml', '--output', 'other.yaml'], 'exists: --force'),
     ([*ANY, '--output', 'nominal.yaml', '--force'], 'nominal.yaml is an input, must be another'),
     ([*ANY, '--output', 'a.yaml', '--plot', 'a'], '--plot a: must end with .png'),
+    (['./square.csv', *ANY], 'square.csv: is given twice'),
     ([*ANY, '--side', '4'], '--side: does nothing without --umbmark'),
     (['--umbmark', 'ends.csv', '--side', '4', *ANY[1:], '--json', 'a.json'], '--json: does noth'),
     (['--umbmark', 'ends.csv', '--side', '1e300', *ANY[1:]], '--side = 1e+300: must be from 0.01'),
@@ -398,7 +399,8 @@ def test_a_line_and_a_turn_have_no_error_bars_and_give_no_giant(capsys):
     line = ['--line-and-turn', '100', '99', '3.3', '0.1', '-150', '150', '60', '--radius', '0.033']
     calibrate.main([*line, '--separation', '0.16'])
     assert capsys.readouterr().out.count('not known') == 5
-    with pytest.raises(SystemExit, match=r'wheel_separation = .* mm: must be 0.5 to 2 times'):
+    with pytest.raises(
+            SystemExit, match=r'wheel_separation = .* must be 0.5 to 2 times .* in degrees'):
         calibrate.main([*line, '--separation', '1.6'])
     with pytest.raises(SystemExit, match=r'--separation = 1e\+300: must be from 0.001 to 100 m'):
         calibrate.main([*line, '--separation', '1e300'])
