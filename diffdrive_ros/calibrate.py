@@ -372,11 +372,12 @@ def robot_of(options: argparse.Namespace) -> Robot:
 
 def refuse_twice(paths: Sequence[Path]) -> None:
     """Raise OptionError if a log is given twice: it would count as two drives that agree."""
-    seen: set[Path] = set()
+    seen: set[str] = set()
     for path in paths:
-        if path.resolve() in seen:
+        place = os.path.realpath(path)
+        if place in seen:
             raise OptionError(f'{path}: is given twice')
-        seen.add(path.resolve())
+        seen.add(place)
 
 
 def run(options: argparse.Namespace) -> None:
