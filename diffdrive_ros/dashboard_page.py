@@ -324,6 +324,8 @@ class Page:
         robot, pilot = self._robot, self._robot.pilot
         if robot.odom is None:
             return 'Looking for the robot: nothing on odom yet'
+        if is_held and not robot.is_disabled:
+            return 'STOPPED here; the node has not said yet that it holds the wheels'
         if is_held:
             return 'STOPPED: the wheels are held until the stop is released'
         if robot.hold:

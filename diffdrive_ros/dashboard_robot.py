@@ -44,6 +44,8 @@ class DashboardRobot:
         self._strange = ''
         self._learned_at = 0.0
         self._enabled_at = 0.0
+        self._enabling = 0
+        self._stopped = 0  # the arrival that was made to hold the wheels last
         self._refused: str | None = None
         self._frame = 'odom'
         self._joints: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
@@ -118,10 +120,16 @@ class DashboardRobot:
     @property
     def hold(self) -> str:
         """Return why the node holds the wheels, if it does by its last word."""
-        heard_at, status = self.node.diagnostics.get(
-            self.node.commands_status, (-math.inf, None))
-        is_old = heard_at < self._enabled_at or clock.steady() - heard_at > DIAGNOSTICS_SILENT
-        return '' if is_old else hold_in(status)
+        if not self._tells:
+            return ''
+        return hold_in(self.node.diagnostics[self.node.commands_status][1])
+
+    @property
+    def _tells(self) -> bool:
+        """Return whether the node's last word on its commands is one of now."""
+        heard_at, _ = self.node.diagnostics.get(self.node.commands_status, (-math.inf, None))
+        return (heard_at >= self._enabled_at
+                and clock.steady() - heard_at <= DIAGNOSTICS_SILENT)
 
     @property
     def is_disabled(self) -> bool:
@@ -190,9 +198,22 @@ class DashboardRobot:
     async def enable(self, is_enabled: bool) -> str:
         """Have the node drive the wheels, or hold them at zero; return its word."""
         asked_at = clock.steady()
-        answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
+        self._enabling += 1
+        try:
+            answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
+        finally:
+            self._enabling -= 1
         self._enabled_at = asked_at  # what was told before tells of before
         return str(answer.message)
+
+    async def keep_stopped(self) -> None:
+        """Have a node hold the wheels that does not know of the stop: it was started after it."""
+        if not self.pilot.is_stopped or self._enabling:
+            return
+        arrivals = self.arrivals
+        if arrivals != self._stopped or (self._tells and not self.is_disabled):
+            await self.enable(False)
+            self._stopped = arrivals
 
     async def release(self, stops: int) -> str:
         """Let the node and the pages drive again, unless stop is pressed more often than that."""

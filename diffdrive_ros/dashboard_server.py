@@ -33,7 +33,7 @@ class Server:
         """Begin to keep them; in the loop of the server."""
         for period, act in (
                 (WATCH, self._watch), (PICTURE, self._picture), (LEARN, self._learn),
-                (SURROUNDINGS, self._surroundings)):
+                (LEARN, self._robot.keep_stopped), (SURROUNDINGS, self._surroundings)):
             self._tasks.append(asyncio.get_running_loop().create_task(_every(period, act)))
 
     def welcome(self, client: Client) -> None:

@@ -61,6 +61,25 @@ def drive(robot: DashboardRobot) -> None:
     assert robot.pilot.is_moving
 
 
+def test_a_node_that_was_started_after_the_stop_is_made_to_hold_the_wheels_too(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """Or others would drive it while the page says STOPPED; once released it is let go."""
+    make()
+    robot = hear_odom()
+
+    def is_disabled_when_kept() -> bool:
+        asyncio.run(robot.keep_stopped())
+        return robot.is_disabled
+
+    wait_until(lambda: robot._tells, 5.0)
+    assert not is_disabled_when_kept()  # nobody pressed STOP
+    robot.pilot.stop()
+    wait_until(is_disabled_when_kept, 5.0)
+    asyncio.run(robot.release(robot.pilot.stops))
+    wait_until(lambda: robot._tells, 5.0)
+    assert not is_disabled_when_kept()
+
+
 def test_a_robot_is_not_driven_before_its_parameters_are_known(
         make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
     """And then it is."""
