@@ -97,11 +97,12 @@ const pad = {
     if (event.button) return;
     event.currentTarget.setPointerCapture(event.pointerId);
     this.pointer = event.pointerId;
+    this.box = this.$refs.stick.getBoundingClientRect(); // should it move, the finger did not
     this.move(event);
   },
   move(event) {
     if (event.pointerId !== this.pointer) return;
-    const box = this.$refs.stick.getBoundingClientRect();
+    const { box } = this;
     const reach = box.width / 2 - 32;
     let right = (event.clientX - box.left - box.width / 2) / reach;
     let ahead = -(event.clientY - box.top - box.height / 2) / reach;

@@ -132,7 +132,8 @@ class Page:
             with ui.row().classes('gap-x-3 gap-y-0 text-sm'):
                 ui.label('━ odometry').style('color: var(--map-odom)')
                 ui.label('╍ truth').style('color: var(--map-truth)')
-                self._ellipse = ui.label().style('color: var(--map-odom)')
+                self._ellipse = ui.label().classes('told ellipse').style(
+                    'color: var(--map-odom)')
 
     def _small_button(self, name: str, *method: Any) -> ui.button:
         return ui.button(name, on_click=lambda: self._map.run_method(*method)).props(

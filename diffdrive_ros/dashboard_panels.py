@@ -61,7 +61,7 @@ class KinematicsPanel:
                 for name in ('left wheel [rad/s]', 'right wheel [rad/s]'))
             View('hold', 'Hold to drive')
             ui.button('Live', on_click=self._forget).props('no-caps dense outline')
-        self._source = ui.label().classes('text-sm quiet')
+        self._source = ui.label().classes('text-sm quiet told')
         self._text = ui.label().classes('numbers')
 
     def touch(self, pose: Any, wheels: Any) -> None:
@@ -83,7 +83,8 @@ class KinematicsPanel:
         speeds = told or (math.nan, math.nan)
         is_touched = self._pose or self._are_wheels_touched
         self._source.set_text('As you touch it' if is_touched else (
-            'As it was last: odom is silent' if self._robot.is_silent else 'As it is now'))
+            'Not known yet: nothing on odom' if self._robot.odom is None
+            else 'As it was last: odom is silent' if self._robot.is_silent else 'As it is now'))
         self._text.set_text(kinematics_text.equations(self._robot.drive, pose, speeds))
 
     def _take_wheels(self, left: float, right: float) -> None:
@@ -193,7 +194,7 @@ class DiagnosticsPanel:
         self._robot = robot
         self._renewed_at = -math.inf
         self._nothing = ui.label('Nothing on /diagnostics yet')
-        self._list = ui.column().classes('w-full gap-2')
+        self._list = ui.column().classes('w-full gap-2 statuses')
         self._rows: dict[str, StatusRow] = {}
 
     def refresh(self) -> None:

@@ -155,7 +155,9 @@ def _whole_lines(path: Path, file: Iterable[str]) -> Iterator[str]:
     """Yield the lines of a file; raises LogError if the last one has no end."""
     for line in file:
         if not line.endswith(('\n', '\r')):  # its last number may lack digits
-            raise LogError(f'{path}: the last line does not end: was it cut off?')
+            raise LogError(
+                f'{path}: the last line does not end: was it cut off? If it is whole, end it '
+                'with a newline')
         yield line
 
 
