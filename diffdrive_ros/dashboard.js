@@ -1,7 +1,7 @@
 // What has to happen in the browser: the heartbeat of whoever drives, and the map one can touch.
 // kind 'pad' is the joystick, keys and heartbeat; 'hold' a button that drives while it is held;
-// 'stop' the one that stops; 'limit' a slider; 'map' the picture. All of a page share one hand,
-// and one glance: what the newest picture told that was drawn.
+// 'stop' the one that stops; 'limit' a slider; 'text' one that pictures bring; 'map' the picture.
+// All of a page share one hand, and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
 const SILENT = 1500; // [ms] without a picture: one that draws nothing gets one a second
@@ -160,6 +160,15 @@ const limit = {
   },
 };
 
+// Not bound: the whole page would be drawn again for each, which holds up who shares the processor.
+const texts = {};
+const words = {}; // of each text: those of a panel are made anew when it is opened
+const text = {
+  start() {
+    texts[this.label] = this.$el.appendChild(document.createTextNode(words[this.label] ?? ''));
+  },
+};
+
 const SCALE = 200; // [px/m] at first
 const HANDLE = 22; // [px] around a handle that still touches it
 const SPEED = 5; // [px] of a wheel's arrow for 1 rad/s
@@ -180,6 +189,10 @@ const chart = {
     for (const [name, news] of Object.entries(frame.tracks)) {
       const kept = news.from ? this.tracks[name].slice(0, news.from) : [];
       this.tracks[name] = kept.concat(news.points);
+    }
+    Object.assign(words, frame.texts);
+    for (const name of Object.keys(frame.texts)) {
+      if (texts[name] && texts[name].data !== words[name]) texts[name].data = words[name];
     }
     this.frame = frame;
     if (this.touched?.sent && frame.tick > this.touched.sent + 500) this.touched.pose = null;
@@ -423,10 +436,11 @@ export default {
     <input v-else-if="kind === 'limit'" type="range" class="limit" :aria-label="label"
       :min="range[0]" :max="range[1]" :step="range[2]"
       @input="$emit('limit', { value: Number($event.target.value) })">
+    <div v-else-if="kind === 'text'"></div>
     <canvas v-else ref="canvas" class="map" role="img" :aria-label="label" @pointerdown="grab"
       @pointermove="move" @pointerup="drop" @pointercancel="drop" @wheel.prevent="wheel"></canvas>`,
   created() {
-    const behaviour = { pad, hold, stop, limit, map: chart }[this.kind];
+    const behaviour = { pad, hold, stop, limit, text, map: chart }[this.kind];
     for (const [name, act] of Object.entries(behaviour)) this[name] = act.bind(this);
   },
   mounted() {

@@ -7,7 +7,12 @@ from typing import Any
 
 from diffdrive_ros import clock, steering
 from diffdrive_ros.dashboard_node import NoAnswerError
-from diffdrive_ros.dashboard_panels import DiagnosticsPanel, KinematicsPanel, ParametersPanel
+from diffdrive_ros.dashboard_panels import (
+    DiagnosticsPanel,
+    EQUATIONS,
+    KinematicsPanel,
+    ParametersPanel,
+)
 from diffdrive_ros.dashboard_robot import DashboardRobot
 from diffdrive_ros.dashboard_view import Limit, View
 from diffdrive_ros.pilot import Beat, Twist
@@ -18,6 +23,7 @@ MOST_UNSEEN = 6  # pictures on their way to a page; one that draws nothing gets 
 SLOWLY = 1.0  # [s] between pictures for such a page
 
 DIAGNOSTICS = 'Diagnostics'
+SPEEDS, ELLIPSE = 'speeds', 'ellipse'  # texts
 
 STYLE = Path(__file__).with_name('dashboard.css')
 
@@ -47,7 +53,7 @@ class Page:
     def _is_unlocked(self) -> bool:
         return self._unlocked == self._robot.arrivals
 
-    def show(self, now: float) -> None:
+    def show(self, now: float, has_numbers: bool) -> None:
         """Send a picture, unless those before it were not even drawn."""
         self._look_at_the_lock()
         self._tell()
@@ -71,21 +77,12 @@ class Page:
             'silent': robot.is_silent, 'odom': robot.odom or (0.0, 0.0, 0.0),
             'truth': robot.truth, 'ellipse': robot.ellipse,
             'wheels': robot.wheels, 'tracks': tracks,
+            'texts': self._texts() if has_numbers or self._kinematics.is_new else {},
             'geometry': (drive.wheel_separation, drive.left_wheel_radius,
                          drive.right_wheel_radius)})
 
     def refresh(self) -> None:
-        """Renew the numbers; slower than the picture."""
-        robot = self._robot
-        hint = '' if robot.applied or robot.value('publish_limited_velocity') else (
-            '\n(publish_limited_velocity is false)')
-        self._speeds.set_text(
-            f'wheels   {_numbers(robot.wheels, "", "rad/s")}\n'
-            f'asked    {_said(robot.asked)}\n'
-            f'applied  {_said(robot.applied)}{hint}\n'
-            f'measured {_said(robot.twist)}')
-        self._ellipse.set_text('● 95 % of the position' + (
-            f': ±{robot.ellipse[0]:.3f} × {robot.ellipse[1]:.3f} m' if robot.ellipse else ''))
+        """Renew the panels; slower than the picture."""
         self._kinematics.refresh()
         if self._tabs.value == DIAGNOSTICS:
             self._diagnostics.refresh()
@@ -94,6 +91,20 @@ class Page:
     def close(self) -> None:
         """Take the hands of this page off the robot."""
         self._robot.publish(self._robot.pilot.leave(self.identity))
+
+    def _texts(self) -> dict[str, str]:
+        """Return what the texts of this page say, by their names."""
+        robot = self._robot
+        hint = '' if robot.applied or robot.value('publish_limited_velocity') else (
+            '\n(publish_limited_velocity is false)')
+        return {
+            SPEEDS: (f'wheels   {_numbers(robot.wheels, "", "rad/s")}\n'
+                     f'asked    {_said(robot.asked)}\n'
+                     f'applied  {_said(robot.applied)}{hint}\n'
+                     f'measured {_said(robot.twist)}'),
+            ELLIPSE: '● 95 % of the position' + (
+                f': ±{robot.ellipse[0]:.3f} × {robot.ellipse[1]:.3f} m' if robot.ellipse else ''),
+            EQUATIONS: self._kinematics.equations()}
 
     def _build(self) -> None:
         ui.add_css(STYLE)
@@ -132,8 +143,7 @@ class Page:
             with ui.row().classes('gap-x-3 gap-y-0 text-sm'):
                 ui.label('━ odometry').style('color: var(--map-odom)')
                 ui.label('╍ truth').style('color: var(--map-truth)')
-                self._ellipse = ui.label().classes('told ellipse').style(
-                    'color: var(--map-odom)')
+                View('text', ELLIPSE).classes('told ellipse').style('color: var(--map-odom)')
 
     def _small_button(self, name: str, *method: Any) -> ui.button:
         return ui.button(name, on_click=lambda: self._map.run_method(*method)).props(
@@ -159,7 +169,7 @@ class Page:
                  'Esc is STOP.').classes('quiet text-sm pt-1 with-keys')
         ui.label('Hold the joystick to drive; let go to stop.').classes(
             'quiet text-sm pt-1 without-keys')
-        self._speeds = ui.label().classes('numbers pt-1')
+        View('text', SPEEDS).classes('numbers pt-1')
 
     def _build_panels(self) -> None:
         with ui.tabs().props('dense no-caps align=justify').classes('w-full') as self._tabs:

@@ -13,6 +13,8 @@ from rcl_interfaces.msg import ParameterType
 
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 STATUS_PERIOD = 1.0  # [s] between two looks at what comes once a second
+TOUCH_STANDS = 1.0  # [s] that a pose is shown after it was dragged
+EQUATIONS = 'equations'  # the text of this name
 
 
 class Hands(Protocol):
@@ -43,9 +45,11 @@ class KinematicsPanel:
     def __init__(self, page: Hands, robot: DashboardRobot) -> None:
         self._page, self._robot = page, robot
         self._pose: Sequence[float] | None = None
-        self._touched_at = 0.0
+        self._touched_at = -math.inf
         self.wheels: tuple[float, float] = (0.0, 0.0)
         self._are_wheels_touched = False
+        self.is_new = False
+        """Whether a hand changed the numbers since they were told: then they cannot wait."""
         with ui.row().classes('gap-2 items-end'):
             self._x, self._y, self._theta = (
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
@@ -62,7 +66,7 @@ class KinematicsPanel:
             View('hold', 'Hold to drive')
             ui.button('Live', on_click=self._forget).props('no-caps dense outline')
         self._source = ui.label().classes('text-sm quiet told')
-        self._text = ui.label().classes('numbers')
+        View('text', EQUATIONS).classes('numbers')
 
     def touch(self, pose: Any, wheels: Any) -> None:
         """Take what is being dragged on the map."""
@@ -72,20 +76,27 @@ class KinematicsPanel:
             self._take_wheels(*map(float, wheels))
             self._left.set_value(round(self.wheels[0], 2))
             self._right.set_value(round(self.wheels[1], 2))
+        self.is_new = True
         self.refresh()
 
     def refresh(self) -> None:
-        """Renew the numbers."""
-        if clock.steady() - self._touched_at > 1.0:
-            self._pose = None
-        pose = self._pose or self._robot.odom or (0.0, 0.0, 0.0)
-        told = self.wheels if self._are_wheels_touched else self._robot.wheels
-        speeds = told or (math.nan, math.nan)
-        is_touched = self._pose or self._are_wheels_touched
+        """Say what the numbers are of."""
+        is_touched = self._touched_pose is not None or self._are_wheels_touched
         self._source.set_text('As you touch it' if is_touched else (
             'Not known yet: nothing on odom' if self._robot.odom is None
             else 'As it was last: odom is silent' if self._robot.is_silent else 'As it is now'))
-        self._text.set_text(kinematics_text.equations(self._robot.drive, pose, speeds))
+
+    def equations(self) -> str:
+        """Return the equations with their numbers."""
+        self.is_new = False
+        pose = self._touched_pose or self._robot.odom or (0.0, 0.0, 0.0)
+        wheels = self.wheels if self._are_wheels_touched else self._robot.wheels
+        return kinematics_text.equations(
+            self._robot.drive, pose, wheels or (math.nan, math.nan))
+
+    @property
+    def _touched_pose(self) -> Sequence[float] | None:
+        return self._pose if clock.steady() - self._touched_at < TOUCH_STANDS else None
 
     def _take_wheels(self, left: float, right: float) -> None:
         self.wheels, self._are_wheels_touched = (left, right), True
@@ -109,7 +120,6 @@ class KinematicsPanel:
         self.wheels = (0.0, 0.0)
         self._left.set_value(0.0)
         self._right.set_value(0.0)
-        self._are_wheels_touched = False
         self._page.forget_touch()
 
 

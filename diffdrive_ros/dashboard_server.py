@@ -15,6 +15,7 @@ from nicegui import app, Client, ui
 
 WATCH, PICTURE, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 1.0  # [s] between two
 PICTURES = 4  # of which one brings the numbers too, so that a browser draws both at once
+PAUSE = 0.003  # [s] within a picture, so that no thread of odometry waits until all of it is done
 RECONNECT = 3.0  # [s] after which a page that lost its connection is forgotten
 
 
@@ -47,7 +48,7 @@ class Server:
 
         def join() -> None:
             self._pages[client.id] = page
-            page.refresh()  # nothing on it is empty while it is looked at
+            page.refresh()
 
         client.on_connect(join)
         client.on_disconnect(close)
@@ -67,11 +68,13 @@ class Server:
             self._robot.look()
         finally:  # whatever is wrong with a message, the pages tell what is known
             self._shown += 1
-            pages = list(self._pages.values())
-            for page in pages:
-                page.show(clock.steady())
-            if self._shown % PICTURES == 0:
-                for page in pages:
+            await asyncio.sleep(PAUSE)
+            has_numbers = self._shown % PICTURES == 0
+            for page in list(self._pages.values()):
+                page.show(clock.steady(), has_numbers)
+            if has_numbers:
+                await asyncio.sleep(PAUSE)
+                for page in list(self._pages.values()):
                     page.refresh()
 
     async def _surroundings(self) -> None:

@@ -1,4 +1,4 @@
-"""The elements that NiceGUI does not have: joystick with heartbeat, map, and a plain slider."""
+"""The elements that NiceGUI does not have: joystick with heartbeat, map, plain slider, text."""
 from collections.abc import Callable, Mapping
 import math
 from typing import Any
@@ -10,7 +10,7 @@ Handler = Callable[[Mapping[str, Any]], None]
 
 
 class View(ui.element, component='dashboard.js'):
-    """One element of dashboard.js, by its kind: pad, hold, stop, limit or map."""
+    """One element of dashboard.js, by its kind: pad, hold, stop, limit, text or map."""
 
     def __init__(self, kind: str, label: str) -> None:
         super().__init__()
