@@ -314,10 +314,11 @@ const chart = {
       canvas.width = Math.round(this.size.width * ratio);
       canvas.height = Math.round(this.size.height * ratio);
     }
-    const pen = canvas.getContext('2d');
+    const pen = canvas.getContext('2d', { alpha: false }); // what lets through is costly to show
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, this.size.width, this.size.height);
     const style = getComputedStyle(canvas);
+    pen.fillStyle = style.getPropertyValue('--panel');
+    pen.fillRect(0, 0, this.size.width, this.size.height);
     const color = (name) => style.getPropertyValue(`--map-${name}`);
     if (this.follows && !this.drag) this.keepInView();
     this.drawGrid(pen, color('grid'), color('text'));

@@ -1,7 +1,7 @@
 """The dashboard's ear and hand on ROS: what it hears is kept raw and opened when it is drawn."""
 import asyncio
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 import threading
 from typing import Any
@@ -79,14 +79,17 @@ class HeardJoints:
         self._speeds: dict[str, tuple[float, float]] = {}
         node.create_subscription(JointState, topic, self._take, WHEELS, raw=True)
 
-    def speeds(self, recent: float) -> Mapping[str, float]:
-        """Return the finite speeds that were told within the last seconds [rad/s]."""
-        while self._raw:
-            at, raw = self._raw.popleft()
+    def speeds(self, names: Iterable[str], recent: float) -> Mapping[str, float]:
+        """Return the finite speeds of joints that were told within the last seconds [rad/s]."""
+        wanted = set(names)
+        told = [self._raw.popleft() for _ in range(len(self._raw))]
+        while told and wanted:  # the newest first, and none in vain
+            at, raw = told.pop()
             message = deserialize_message(raw, JointState)
             for name, speed in zip(message.name, message.velocity, strict=False):
-                if math.isfinite(speed):
+                if name in wanted and math.isfinite(speed):
                     self._speeds[name] = at, speed
+                    wanted.remove(name)
         now = clock.steady()
         return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
 

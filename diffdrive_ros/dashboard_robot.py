@@ -1,5 +1,6 @@
 """The robot as all pages see it: what was heard of it, its tracks, its geometry, its driver."""
 from collections.abc import Sequence
+import itertools
 import math
 from typing import Any
 
@@ -274,7 +275,7 @@ class DashboardRobot:
 
     def _wheel_speeds(self) -> tuple[float, float] | None:
         """Return the mean speed of each side, forward positive [rad/s]; by odom if need be."""
-        told = self.node.joints.speeds(RECENT)
+        told = self.node.joints.speeds([*itertools.chain(*self._joints)], RECENT)
         sides = [[told[name] for name in names if name in told] for names in self._joints]
         if all(sides):
             left, right = (

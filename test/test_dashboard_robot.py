@@ -1,6 +1,7 @@
 """The robot as the dashboard sees it, and when it may be driven; over DDS, without a browser."""
 import asyncio
 from collections.abc import Callable
+import math
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -225,11 +226,15 @@ def speeds(**wheels: float) -> JointState:
     [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0)],
     [speeds(left_wheel_joint=5.0), speeds(right_wheel_joint=6.0)],
     [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0), speeds(elbow=1.0),
-     JointState(name=['left_wheel_joint'], position=[1.0])]])
+     JointState(name=['left_wheel_joint'], position=[1.0])],
+    [speeds(left_wheel_joint=1.0, right_wheel_joint=2.0),
+     speeds(left_wheel_joint=5.0, right_wheel_joint=6.0)],
+    [speeds(left_wheel_joint=5.0, right_wheel_joint=6.0),
+     speeds(left_wheel_joint=math.nan, right_wheel_joint=math.nan)]])
 def test_the_wheels_are_told_however_their_messages_are_cut(
         station: Station, make: Callable[..., OdometryNode], robot: DashboardRobot,
         messages: list[JointState]) -> None:
-    """In one, each in its own, or beside those of an arm."""
+    """In one, each in its own, beside those of an arm, one after another, or not at all."""
     make()
     learn(robot)
 
