@@ -118,37 +118,60 @@ _Poses = list[SeenPose]
 def _read_csv(path: Path) -> tuple[list[WheelSample], _Poses | None]:
     samples: list[WheelSample] = []
     poses: _Poses = []
+    rows = _rows(path, COLUMNS, WITH_REFERENCE)
+    _, header = next(rows)
+    for where, row in rows:
+        stamp_ns = _stamp_ns(row[0], where)
+        if row[1].strip() or row[2].strip():
+            left, right = _numbers(row[1:3], where)
+            if max(abs(left), abs(right)) > LARGEST_ANGLE:
+                raise LogError(f'{where}: {row[1]},{row[2]}: must be within {LARGEST_ANGLE:g} rad')
+            if samples and stamp_ns <= samples[-1].stamp_ns:
+                raise LogError(
+                    f'{where}: stamp {row[0]} is not later than the one before: stamps of the '
+                    'wheels must grow')
+            samples.append(WheelSample(left, right, stamp_ns))
+        if any(field.strip() for field in row[3:]):
+            x, y, theta = _numbers(row[3:], where)
+            poses.append(SeenPose(stamp_ns, '', '', (x, y, theta)))
+    return samples, poses if header == WITH_REFERENCE else None
+
+
+def read_ends(path: Path) -> dict[str, Array]:
+    """Return the ends of squares by their direction, cw and ccw, (N, 2); raises LogError."""
+    ends: dict[str, list[list[float]]] = {'cw': [], 'ccw': []}
+    rows = _rows(path, ['direction', 'x', 'y'])
+    next(rows)
+    for where, row in rows:
+        if row[0] not in ends:
+            raise LogError(f'{where}: the direction is {row[0]}, must be cw or ccw')
+        ends[row[0]].append(_numbers(row[1:], where))
+    for direction, found in ends.items():
+        if not found:
+            raise LogError(f'{path}: has no {direction}: squares of both directions are needed')
+    return {direction: np.array(found) for direction, found in ends.items()}
+
+
+def _rows(path: Path, *headers: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield the rows of a CSV, each with where it is, the header first; raises LogError."""
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
             rows = csv.reader(_whole_lines(path, file))
             header = [name.strip() for name in next(rows, [])]
-            if header not in (COLUMNS, WITH_REFERENCE):
+            if header not in headers:
                 raise LogError(
                     f'{path}: the header is {",".join(header) or "missing"}, must be '
-                    f'{",".join(COLUMNS)} or {",".join(WITH_REFERENCE)}')
+                    + ' or '.join(','.join(each) for each in headers))
+            yield str(path), header
             for row in rows:
                 where = f'{path}, line {rows.line_num}'
                 if not ''.join(row).strip():
                     continue
                 if len(row) != len(header):
                     raise LogError(f'{where}: {len(row)} columns, must be {len(header)}')
-                stamp_ns = _stamp_ns(row[0], where)
-                if row[1].strip() or row[2].strip():
-                    left, right = _numbers(row[1:3], where)
-                    if max(abs(left), abs(right)) > LARGEST_ANGLE:
-                        raise LogError(
-                            f'{where}: {row[1]},{row[2]}: must be within {LARGEST_ANGLE:g} rad')
-                    if samples and stamp_ns <= samples[-1].stamp_ns:
-                        raise LogError(
-                            f'{where}: stamp {row[0]} is not later than the one before: stamps '
-                            'of the wheels must grow')
-                    samples.append(WheelSample(left, right, stamp_ns))
-                if any(field.strip() for field in row[3:]):
-                    x, y, theta = _numbers(row[3:], where)
-                    poses.append(SeenPose(stamp_ns, '', '', (x, y, theta)))
+                yield where, row
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise LogError(f'{path}: {error}') from None
-    return samples, poses if header == WITH_REFERENCE else None
 
 
 def _whole_lines(path: Path, file: Iterable[str]) -> Iterator[str]:
@@ -159,29 +182,6 @@ def _whole_lines(path: Path, file: Iterable[str]) -> Iterator[str]:
                 f'{path}: the last line does not end: was it cut off? If it is whole, end it '
                 'with a newline')
         yield line
-
-
-def read_ends(path: Path) -> dict[str, Array]:
-    """Return the ends of squares by their direction, cw and ccw, (N, 2); raises LogError."""
-    ends: dict[str, list[list[float]]] = {'cw': [], 'ccw': []}
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            rows = csv.reader(file)
-            if (header := next(rows, [])) != ['direction', 'x', 'y']:
-                raise LogError(f'{path}: the header is {",".join(header)}, must be direction,x,y')
-            for row in rows:
-                where = f'{path}, line {rows.line_num}'
-                if not ''.join(row).strip():
-                    continue
-                if len(row) != 3 or row[0] not in ends:
-                    raise LogError(f'{where}: must be cw or ccw, x, y')
-                ends[row[0]].append(_numbers(row[1:], where))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f'{path}: {error}') from None
-    for direction, found in ends.items():
-        if not found:
-            raise LogError(f'{path}: has no {direction}: squares of both directions are needed')
-    return {direction: np.array(found) for direction, found in ends.items()}
 
 
 def _stamp_ns(text: str, where: str) -> int:
