@@ -5,7 +5,7 @@ With a reference (motion capture, a map) any drives will do. Without one, umbmar
 poses of squares driven both ways, and line-and-turn a straight line and turns on the spot.
 """
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import astuple, dataclass, replace
 import importlib.util
@@ -32,6 +32,7 @@ from diffdrive_ros.replay import (
     LOG_HELP,
     OptionError,
     refuse_idle,
+    refuse_twice,
     replay,
 )
 import numpy as np
@@ -233,8 +234,8 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
             f'{1e3 * value:.2f} ± {_or_not_known(1e3 * deviation, ".2f")} {unit}'
             for value, deviation, unit in zip(
                 found.marker, found.marker_std, ('mm', 'mm', 'mrad'), strict=True)),
-        'for replay             --marker ' + ' '.join(f'{each:.5f}' for each in found.marker)
-        + ' --reference-std ' + ' '.join(f'{each:.5f}' for each in found.reference_std),
+        'for replay             ' + ' '.join(
+            options_for_replay(found.marker, found.reference_std)),
     ]
     if found.reference_std[1] > HEADLESS:
         lines.append('the headings of the reference do not fit: in degrees, or none?')
@@ -242,6 +243,12 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
         if each.outlier:
             lines.append(f'left out: {each.name}: {each.outlier}')
     return '\n'.join(lines)
+
+
+def options_for_replay(marker: Iterable[float], reference_std: Iterable[float]) -> list[str]:
+    """Return the options by which replay compares with a reference as calibrate did."""
+    return ['--marker', *(f'{each:.5f}' for each in marker),
+            '--reference-std', *(f'{each:.5f}' for each in reference_std)]
 
 
 def judged_table(judged: Sequence[Judged]) -> str:
@@ -368,16 +375,6 @@ def robot_of(options: argparse.Namespace) -> Robot:
     return Robot.of({
         'left_wheel_names': ['left_wheel_joint'], 'right_wheel_names': ['right_wheel_joint'],
         'wheel_separation': options.separation, 'wheel_radius': options.radius})
-
-
-def refuse_twice(paths: Sequence[Path]) -> None:
-    """Raise OptionError if a log is given twice: it would count as two drives that agree."""
-    seen: set[str] = set()
-    for path in paths:
-        place = os.path.realpath(path)
-        if place in seen:
-            raise OptionError(f'{path}: is given twice')
-        seen.add(place)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -82,12 +82,10 @@ def run(folder: Path) -> None:
         *known, '--params', f'{folder}/nominal.yaml', *common, '--output', f'{folder}/robot.yaml',
         '--json', f'{folder}/found.json', '--plot', f'{folder}/calibration.png'])
     found = json.loads((folder / 'found.json').read_text(encoding='utf-8'))['reference']
-    marker = [f'{each:.5f}' for each in found['marker']]
-    deviations = [f'{each:.5f}' for each in found['reference_std']]
     _do('replay', replay.main, [
         unseen, '--before', f'{folder}/nominal.yaml', '--params', f'{folder}/robot.yaml', *common,
-        '--marker', *marker, '--reference-std', *deviations, '--plot',
-        f'{folder}/replay.png'])
+        *calibrate.options_for_replay(found['marker'], found['reference_std']),
+        '--plot', f'{folder}/replay.png'])
     print(f'Pictures: {folder}/calibration.png, {folder}/replay.png')
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import importlib.util
 import json
+import os
 from pathlib import Path
 import sys
 
@@ -203,7 +204,7 @@ def check_outputs(
     outputs: Mapping[str, Path | None], inputs: Sequence[Path | None], force: bool,
 ) -> None:
     """Raise OptionError if an output, by its option, cannot be written or must not be."""
-    taken = {path.resolve(): f'{path} is an input' for path in inputs if path is not None}
+    taken = {os.path.realpath(path): f'{path} is an input' for path in inputs if path is not None}
     for option, path in outputs.items():
         if path is None:
             continue
@@ -214,13 +215,24 @@ def check_outputs(
                 raise OptionError('matplotlib is needed: pip install matplotlib')
         if path.is_dir():
             raise OptionError(f'{option} {path}: is a folder, must be a file')
-        if not path.resolve().parent.is_dir():
+        place = os.path.realpath(path)
+        if not os.path.isdir(os.path.dirname(place)):
             raise OptionError(f'{option} {path}: its folder does not exist')
-        if path.resolve() in taken:
-            raise OptionError(f'{option} {path}: {taken[path.resolve()]}, must be another file')
-        taken[path.resolve()] = f'{path} is what {option} writes'
+        if place in taken:
+            raise OptionError(f'{option} {path}: {taken[place]}, must be another file')
+        taken[place] = f'{path} is what {option} writes'
         if path.exists() and not force:
             raise OptionError(f'{path} exists: --force writes over it')
+
+
+def refuse_twice(logs: Sequence[Path]) -> None:
+    """Raise OptionError if a log is given twice: it would count as two drives that agree."""
+    seen: set[str] = set()
+    for path in logs:
+        place = os.path.realpath(path)
+        if place in seen:
+            raise OptionError(f'{path}: is given twice')
+        seen.add(place)
 
 
 def refuse_idle(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
@@ -326,7 +338,7 @@ def table_of(columns: dict[str, Evaluation], how: str) -> str:
             rows.append((name, [f'{getattr(each, key):.2f}' for each in columns.values()]))
     lines = [f'{"":28}' + ''.join(f'{name:>16}' for name in columns)] if any(columns) else []
     lines += [f'{name:28}' + ''.join(f'{cell:>16}' for cell in cells) for name, cells in rows]
-    return '\n'.join(lines)
+    return '\n'.join(line.rstrip() for line in lines)
 
 
 def write_poses(path: Path, replayed: Replayed, robot: Robot) -> None:
