@@ -5,7 +5,7 @@ ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 OPENBLAS_NUM_THREADS ?= 1
 export PYTHON ROS_AUTOMATIC_DISCOVERY_RANGE OPENBLAS_NUM_THREADS
 
-.PHONY: help demo dashboard example lint test colcon consistency browser latency mutants fuzz soak bench clean
+.PHONY: help demo dashboard example lint test colcon consistency browser latency page mutants fuzz soak bench clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -43,6 +43,9 @@ browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
 
 latency:  ## measure from key press to wheel command: make latency ARGS='--presses 50'
 	@.ci/environment test python test/page_latency.py $(ARGS)
+
+page:  ## measure what the page costs an odometry beside it: make page ARGS='--rounds 3'
+	@.ci/environment test python test/page_cost.py $(ARGS)
 
 mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23'
 	@.ci/environment test python test/mutants.py $(ARGS)
