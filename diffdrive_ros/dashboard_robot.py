@@ -44,7 +44,7 @@ class DashboardRobot:
         self._forgotten = 0
         self._strange = ''
         self._learned_at = 0.0
-        self._enabled_at = 0.0
+        self._news_from = 0.0  # [s] what the node told before tells of before
         self._enabling = 0
         self._stopped = 0  # the arrival that was made to hold the wheels last
         self._refused: str | None = None
@@ -67,6 +67,7 @@ class DashboardRobot:
         if has_newcomers:
             self.odom = None
             self.arrivals += 1
+            self._news_from = clock.steady()
         # Before anything is opened: whatever is wrong with a message, the stop is not missed.
         has_held = self._has_held()
         if reason := self.reason_not_to_drive or has_held:
@@ -121,15 +122,15 @@ class DashboardRobot:
     @property
     def hold(self) -> str:
         """Return why the node holds the wheels, if it does by its last word."""
-        if not self._tells:
+        if not self.tells:
             return ''
         return hold_in(self.node.diagnostics[self.node.commands_status][1])
 
     @property
-    def _tells(self) -> bool:
+    def tells(self) -> bool:
         """Return whether the node's last word on its commands is one of now."""
         heard_at, _ = self.node.diagnostics.get(self.node.commands_status, (-math.inf, None))
-        return (heard_at >= self._enabled_at
+        return (heard_at >= self._news_from
                 and clock.steady() - heard_at <= DIAGNOSTICS_SILENT)
 
     @property
@@ -198,23 +199,22 @@ class DashboardRobot:
 
     async def enable(self, is_enabled: bool) -> str:
         """Have the node drive the wheels, or hold them at zero; return its word."""
-        asked_at = clock.steady()
+        asked_at, arrivals = clock.steady(), self.arrivals
         self._enabling += 1
         try:
             answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
         finally:
             self._enabling -= 1
-        self._enabled_at = asked_at  # what was told before tells of before
+        self._news_from = asked_at
+        self._stopped = 0 if is_enabled else arrivals
         return str(answer.message)
 
     async def keep_stopped(self) -> None:
         """Have a node hold the wheels that does not know of the stop: it was started after it."""
         if not self.pilot.is_stopped or self._enabling:
             return
-        arrivals = self.arrivals
-        if arrivals != self._stopped or (self._tells and not self.is_disabled):
+        if self.arrivals != self._stopped or (self.tells and not self.is_disabled):
             await self.enable(False)
-            self._stopped = arrivals
 
     async def release(self, stops: int) -> str:
         """Let the node and the pages drive again, unless stop is pressed more often than that."""

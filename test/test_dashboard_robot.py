@@ -72,13 +72,31 @@ def test_a_node_that_was_started_after_the_stop_is_made_to_hold_the_wheels_too(
         asyncio.run(robot.keep_stopped())
         return robot.is_disabled
 
-    wait_until(lambda: robot._tells, 5.0)
+    wait_until(lambda: robot.tells, 5.0)
     assert not is_disabled_when_kept()  # nobody pressed STOP
     robot.pilot.stop()
     wait_until(is_disabled_when_kept, 5.0)
     asyncio.run(robot.release(robot.pilot.stops))
-    wait_until(lambda: robot._tells, 5.0)
+    wait_until(lambda: robot.tells, 5.0)
     assert not is_disabled_when_kept()
+
+
+def test_what_an_odometry_told_is_not_taken_for_the_word_of_the_next_one(
+        make: Callable[..., OdometryNode], hear_odom: Callable[[], DashboardRobot]) -> None:
+    """For it may not hold the wheels as the first one did."""
+    make()
+    robot = hear_odom()
+    wait_until(lambda: robot.tells, 5.0)
+    arrivals = robot.arrivals
+    make()
+
+    def is_there() -> bool:
+        robot.look()
+        return robot.arrivals > arrivals
+
+    wait_until(is_there, pause=0.01)
+    assert not robot.tells
+    wait_until(lambda: robot.tells, 5.0)
 
 
 def test_a_robot_is_not_driven_before_its_parameters_are_known(
