@@ -112,6 +112,7 @@ class Page:
         ui.colors(primary='#0b57b7', info='#0b57b7', negative='#a31515', warning='#ffd28a')
         with ui.header().classes('items-center gap-x-3 gap-y-1 py-2').style(
                 'background: #1b2733; color: #ffffff'):
+            View('stop', 'STOP the robot').hear('halt', lambda arguments: self.halt())
             ui.label('diffdrive_ros').classes('text-lg font-bold').props(
                 'role=heading aria-level=1')
             self._status = ui.label('Looking for the robot').props(
@@ -119,7 +120,6 @@ class Page:
             ui.label('Connection lost').props('role=alert').classes('grow basis-0')
             ui.button('Light or dark', on_click=self._turn_light).props(
                 'flat dense color=white no-caps')
-            View('stop', 'STOP the robot').hear('halt', lambda arguments: self.halt())
         with ui.element('div').classes('layout'):
             with ui.element('section').classes('panel at-map').props('aria-label="Map"'):
                 self._build_map()
