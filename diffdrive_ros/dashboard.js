@@ -1,6 +1,6 @@
 // What has to happen in the browser: the heartbeat of whoever drives, and the map one can touch.
 // kind 'pad' is the joystick, keys and heartbeat; 'hold' a button that drives while it is held;
-// 'stop' the one that stops; 'limit' a slider; 'text' one that pictures bring; 'map' the picture.
+// 'stop' the one that stops; 'limit' a slider; 'text' one that the map tells; 'map' the picture.
 // All of a page share one hand, and one glance: what the newest picture told that was drawn.
 
 const BEAT = 50; // [ms]
@@ -190,13 +190,15 @@ const chart = {
       const kept = news.from ? this.tracks[name].slice(0, news.from) : [];
       this.tracks[name] = kept.concat(news.points);
     }
-    Object.assign(words, frame.texts);
-    for (const name of Object.keys(frame.texts)) {
-      if (texts[name] && texts[name].data !== words[name]) texts[name].data = words[name];
-    }
     this.frame = frame;
     if (this.touched?.sent && frame.tick > this.touched.sent + 500) this.touched.pose = null;
     this.ask();
+  },
+  tell(news) {
+    Object.assign(words, news);
+    for (const name of Object.keys(news)) {
+      if (texts[name] && texts[name].data !== words[name]) texts[name].data = words[name];
+    }
   },
   forget() {
     this.touched = null;

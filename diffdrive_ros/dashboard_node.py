@@ -86,10 +86,12 @@ class HeardJoints:
         while told and wanted:  # the newest first, and none in vain
             at, raw = told.pop()
             message = deserialize_message(raw, JointState)
-            for name, speed in zip(message.name, message.velocity, strict=False):
-                if name in wanted and math.isfinite(speed):
-                    self._speeds[name] = at, speed
-                    wanted.remove(name)
+            found = {
+                name: (at, speed)
+                for name, speed in zip(message.name, message.velocity, strict=False)
+                if name in wanted and math.isfinite(speed)}
+            self._speeds.update(found)
+            wanted -= found.keys()
         now = clock.steady()
         return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
 

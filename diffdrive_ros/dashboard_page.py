@@ -53,8 +53,8 @@ class Page:
     def _is_unlocked(self) -> bool:
         return self._unlocked == self._robot.arrivals
 
-    def show(self, now: float, has_numbers: bool) -> None:
-        """Send a picture, unless those before it were not even drawn."""
+    def show(self, now: float) -> None:
+        """Send a picture of a moment, unless those before it were not even drawn."""
         self._look_at_the_lock()
         self._tell()
         if self._unseen >= MOST_UNSEEN and now - self._sent_at < SLOWLY:
@@ -77,12 +77,12 @@ class Page:
             'silent': robot.is_silent, 'odom': robot.odom or (0.0, 0.0, 0.0),
             'truth': robot.truth, 'ellipse': robot.ellipse,
             'wheels': robot.wheels, 'tracks': tracks,
-            'texts': self._texts() if has_numbers or self._kinematics.is_new else {},
             'geometry': (drive.wheel_separation, drive.left_wheel_radius,
                          drive.right_wheel_radius)})
 
     def refresh(self) -> None:
-        """Renew the panels; slower than the picture."""
+        """Renew the numbers; slower than the picture."""
+        self.tell(self._texts())
         self._kinematics.refresh()
         if self._tabs.value == DIAGNOSTICS:
             self._diagnostics.refresh()
@@ -92,8 +92,11 @@ class Page:
         """Take the hands of this page off the robot."""
         self._robot.publish(self._robot.pilot.leave(self.identity))
 
+    def tell(self, texts: Mapping[str, str]) -> None:
+        """Renew texts, by their names."""
+        self._map.run_method('tell', texts)
+
     def _texts(self) -> dict[str, str]:
-        """Return what the texts of this page say, by their names."""
         robot = self._robot
         hint = '' if robot.applied or robot.value('publish_limited_velocity') else (
             '\n(publish_limited_velocity is false)')

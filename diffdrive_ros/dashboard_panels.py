@@ -1,5 +1,5 @@
 """The panels beside the map: the equations with their numbers, parameters, diagnostics."""
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import math
 from typing import Any, Protocol
 
@@ -32,6 +32,9 @@ class Hands(Protocol):
     def forget_touch(self) -> None:
         """Draw the robot as it is."""
 
+    def tell(self, texts: Mapping[str, str]) -> None:
+        """Renew texts, by their names."""
+
     def refuses(self) -> bool:
         """Return whether the page may change nothing now, and say so if that is so."""
 
@@ -48,8 +51,7 @@ class KinematicsPanel:
         self._touched_at = -math.inf
         self.wheels: tuple[float, float] = (0.0, 0.0)
         self._are_wheels_touched = False
-        self.is_new = False
-        """Whether a hand changed the numbers since they were told: then they cannot wait."""
+        self._is_filling = False
         with ui.row().classes('gap-2 items-end'):
             self._x, self._y, self._theta = (
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
@@ -74,10 +76,9 @@ class KinematicsPanel:
             self._pose, self._touched_at = pose, clock.steady()
         if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
             self._take_wheels(*map(float, wheels))
-            self._left.set_value(round(self.wheels[0], 2))
-            self._right.set_value(round(self.wheels[1], 2))
-        self.is_new = True
+            self._fill()
         self.refresh()
+        self._page.tell({EQUATIONS: self.equations()})
 
     def refresh(self) -> None:
         """Say what the numbers are of."""
@@ -88,7 +89,6 @@ class KinematicsPanel:
 
     def equations(self) -> str:
         """Return the equations with their numbers."""
-        self.is_new = False
         pose = self._touched_pose or self._robot.odom or (0.0, 0.0, 0.0)
         wheels = self.wheels if self._are_wheels_touched else self._robot.wheels
         return kinematics_text.equations(
@@ -101,10 +101,19 @@ class KinematicsPanel:
     def _take_wheels(self, left: float, right: float) -> None:
         self.wheels, self._are_wheels_touched = (left, right), True
 
+    def _fill(self) -> None:
+        """Show the speeds of the wheels in their fields, which is no word of a person."""
+        self._is_filling = True  # each field tells of its change before the other one changes
+        self._left.set_value(round(self.wheels[0], 2))
+        self._right.set_value(round(self.wheels[1], 2))
+        self._is_filling = False
+
     def _on_speeds(self) -> None:
+        if self._is_filling:
+            return
         left, right = self._left.value or 0.0, self._right.value or 0.0
         if (left, right) == (round(self.wheels[0], 2), round(self.wheels[1], 2)):
-            return  # the map's own, come back rounded
+            return
         self._take_wheels(left, right)
         self._page.draw_touch(None, self.wheels)
 
@@ -118,8 +127,7 @@ class KinematicsPanel:
     def _forget(self) -> None:
         self._pose, self._are_wheels_touched = None, False
         self.wheels = (0.0, 0.0)
-        self._left.set_value(0.0)
-        self._right.set_value(0.0)
+        self._fill()
         self._page.forget_touch()
 
 

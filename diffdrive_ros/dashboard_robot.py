@@ -205,7 +205,7 @@ class DashboardRobot:
             answer = await self.node.ask('enable', SetBool.Request(data=is_enabled))
         finally:
             self._enabling -= 1
-        self._news_from = asked_at
+        self._news_from = max(self._news_from, asked_at)
         self._stopped = 0 if is_enabled else arrivals
         return str(answer.message)
 

@@ -14,7 +14,7 @@ from diffdrive_ros.web_guard import address, WebGuard
 from nicegui import app, Client, ui
 
 WATCH, PICTURE, LEARN, SURROUNDINGS = 0.02, 0.05, 0.2, 1.0  # [s] between two
-PICTURES = 4  # of which one brings the numbers too, so that a browser draws both at once
+PICTURES = 4  # for each of which the numbers are renewed once
 PAUSE = 0.003  # [s] within a picture, so that no thread of odometry waits until all of it is done
 RECONNECT = 3.0  # [s] after which a page that lost its connection is forgotten
 
@@ -48,7 +48,7 @@ class Server:
 
         def join() -> None:
             self._pages[client.id] = page
-            page.refresh()
+            page.refresh()  # nothing on it is empty while it is looked at
 
         client.on_connect(join)
         client.on_disconnect(close)
@@ -64,15 +64,15 @@ class Server:
         self._robot.publish(self._robot.pilot.watch(clock.steady()))
 
     async def _picture(self) -> None:
+        now = clock.steady()  # by which hands are judged: what is shown is not newer
         try:
             self._robot.look()
         finally:  # whatever is wrong with a message, the pages tell what is known
             self._shown += 1
             await asyncio.sleep(PAUSE)
-            has_numbers = self._shown % PICTURES == 0
             for page in list(self._pages.values()):
-                page.show(clock.steady(), has_numbers)
-            if has_numbers:
+                page.show(now)
+            if self._shown % PICTURES == 0:
                 await asyncio.sleep(PAUSE)
                 for page in list(self._pages.values()):
                     page.refresh()

@@ -216,8 +216,13 @@ def check_outputs(
         if path.is_dir():
             raise OptionError(f'{option} {path}: is a folder, must be a file')
         place = os.path.realpath(path)
+        if os.path.islink(place):
+            raise OptionError(f'{option} {path}: is a loop of links')
         if not os.path.isdir(os.path.dirname(place)):
             raise OptionError(f'{option} {path}: its folder does not exist')
+        for folder in filter(None, inputs):  # a bag, whose files would pass for new ones
+            if os.path.isdir(folder) and Path(place).is_relative_to(os.path.realpath(folder)):
+                raise OptionError(f'{option} {path}: is in {folder}, an input, must be elsewhere')
         if place in taken:
             raise OptionError(f'{option} {path}: {taken[place]}, must be another file')
         taken[place] = f'{path} is what {option} writes'

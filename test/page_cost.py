@@ -1,13 +1,14 @@
 """
 What the page costs an odometry on the same machine: round trips with it open, and without.
 
-Rounds take turns, each with a new odometry. The browser is one as a person has it: nobody watches
+A round trip is from the publication of joint_states to the receipt of odom, in another process;
+each round has a new odometry. The browser is one as a person has it: nobody watches
 over it, for whoever does is told of each picture, and wants the processor as well. Ends with 1 if
 a figure is above its bound. make page runs it.
 """
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 import json
 import os
 from pathlib import Path
@@ -19,7 +20,7 @@ import tempfile
 import time
 
 from benchmark import node_of
-from browser import CHROMIUM, Dashboard
+from browser import CHROMIUM, Dashboard, missing
 
 WORST = {'cpu_us': 1.1, 'p99_us': 2.0}  # times the figure without the page
 ROUND_TRIP = Path(__file__).resolve().parent / 'benchmark' / 'roundtrip.py'
@@ -33,18 +34,20 @@ def main() -> int:
     parser.add_argument('--rounds', type=int, default=8)
     parser.add_argument('--seconds', type=float, default=10.0, help='of a round')
     options = parser.parse_args()
+    if missing():
+        raise SystemExit(missing())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_DOMAIN_ID'] = str(DOMAINS[os.getpid() % len(DOMAINS)])
-    without, beside = [], []
-    for number in range(options.rounds):
-        without.append(measured(options.seconds))
-        with page() as shares:
-            beside.append(measured(options.seconds))
-        print(f'{number + 1:3}  without {told(without[-1])}   beside the page {told(beside[-1])}'
+    rounds: dict[bool, list[dict[str, float]]] = {False: [], True: []}
+    for number in range(2 * options.rounds):
+        has_page = number % 4 in (1, 2)  # so that neither always follows the other
+        with page() if has_page else nullcontext('') as shares:
+            rounds[has_page].append(measured(options.seconds))
+        print(f'{"beside the page" if has_page else "without":16}{told(rounds[has_page][-1])}'
               f'   {shares}', flush=True)
     is_wrong = False
     for figure in ('cpu_us', 'p50_us', 'p99_us'):
-        alone, both = (median(each[figure] for each in rounds) for rounds in (without, beside))
+        alone, both = (median(each[figure] for each in which) for which in rounds.values())
         bound = WORST.get(figure)
         is_wrong |= bound is not None and both > bound * alone
         print(f'{figure}: {alone:.0f} without, {both:.0f} beside the page: '

@@ -11,6 +11,7 @@ from browser import Dashboard
 from diagnostic_msgs.msg import DiagnosticStatus
 from diffdrive_ros import clock
 from diffdrive_ros.dashboard import check_namespace
+from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.remote_parameters import parse
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -134,6 +135,32 @@ def test_the_statuses_of_all_nodes_are_listed_by_name_and_renewed_once_a_second(
         now += 5.0
         panel.refresh()
         assert titles() == ['SILENT  b: ill']
+        client.delete()
+
+
+def test_dragged_wheels_are_both_shown_and_live_shows_those_of_the_robot_again() -> None:
+    """Neither field is taken for the word of a person while the other is still the old one."""
+    from diffdrive_ros.dashboard_panels import KinematicsPanel
+    from nicegui import Client, ui
+
+    drive = DiffDrive(0.3, 0.05, 0.051)
+    robot = SimpleNamespace(odom=(0.1, 0.2, 0.3), wheels=(7.0, 8.0), is_silent=False, drive=drive)
+    told, drawn = {}, []
+    page = SimpleNamespace(
+        do_now=lambda *_: None, tell=told.update, forget_touch=lambda: drawn.append(None),
+        draw_touch=lambda pose, wheels: drawn.append(wheels))
+    with Client(ui.page('/')) as client:
+        panel = KinematicsPanel(page, robot)
+        assert "φ' = H V_b  = (7.00, 8.00)" in panel.equations()
+        panel.touch(None, [7.5, 8.5])
+        assert panel.wheels == (7.5, 8.5)
+        assert drawn == []
+        assert "φ' = H V_b  = (7.50, 8.50)" in told['equations']
+        panel._left.set_value(3.0)  # by hand
+        assert drawn.pop() == panel.wheels == (3.0, 8.5)
+        panel._forget()
+        assert drawn == [None]
+        assert "φ' = H V_b  = (7.00, 8.00)" in panel.equations()
         client.delete()
 
 

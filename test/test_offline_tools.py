@@ -298,6 +298,8 @@ ANY = ['square.csv', '--params', 'nominal.yaml']
     ([*ANY, '--json', 'nominal.yaml', '--force'], '--json nominal.yaml: nominal.yaml is an input'),
     ([*ANY, '--json', '.', '--force'], 'is a folder, must be a file'),
     ([*ANY, '--json', 'no/a.json'], '--json no/a.json: its folder does not exist'),
+    ([*ANY, '--json', 'loop', '--force'], '--json loop: is a loop of links'),
+    (['bag', *ANY[1:], '--output', 'bag/bag_0.mcap', '--force'], 'is in bag, an input, must be'),
     ([*ANY, '--time-offset', '1e300'], r'--time-offset 1e\+300: must be within 1e\+06'),
     ([*ANY, '--time-offset', 'nan'], '--time-offset nan: must be within'),
     ([*ANY, '--marker', '0', 'inf', '0'], '--marker inf: must be within'),
@@ -309,6 +311,9 @@ def test_replay_refuses_in_one_line(place, monkeypatch, capsys, arguments, rule)
     monkeypatch.chdir(place)
     Path('other.yaml').write_text(NOMINAL.replace('/**:', '/other_node:'))
     Path('there.csv').write_text('mine')
+    Path('loop').unlink(missing_ok=True)
+    Path('loop').symlink_to('loop')
+    Path('bag').mkdir(exist_ok=True)
     Path('bare.csv').write_text('stamp,left,right\n0,0,0\n1,1,1\n2,2,2\n')
     Path('late.csv').write_text(
         'stamp,left,right,x,y,theta\n0,0,0,,,\n1,1,1,,,\n900,,,0,0,0\n901,,,1,0,0\n')
