@@ -41,7 +41,10 @@ const pad = {
       type, act, { signal: this.ends.signal, capture: true });
     on(window, 'keydown', (event) => this.down(event));
     on(window, 'keyup', (event) => this.up(event));
-    for (const type of ['blur', 'pagehide']) on(window, type, () => this.rest());
+    on(window, 'blur', (event) => {
+      if (event.target === window) this.rest(); // not a button that the focus leaves
+    });
+    on(window, 'pagehide', () => this.rest());
     on(document, 'visibilitychange', () => this.rest());
     on(window, 'contextmenu', (event) => {
       if (event.target.closest('.stick')) event.preventDefault(); // a long touch is no menu

@@ -249,6 +249,35 @@ def test_the_joystick_drives_while_it_is_held(
     assert all(twist.linear.x > 0.0 > twist.angular.z for twist in asked)
 
 
+def test_the_joystick_drives_at_the_first_press_after_a_button_had_the_focus(
+        hands: Hands, robot: Robot) -> None:
+    """The focus leaves the button then, but not the page."""
+    hands.page.get_by_role('button', name='Zoom in').click()
+    x, y = middle_of(hands.page.locator('.stick'))
+    hands.page.mouse.move(x, y)
+    hands.page.mouse.down()
+    hands.page.mouse.move(x, y - 40)
+    wait_until(robot.turns)
+    hands.page.mouse.up()
+    released = time.monotonic()
+    assert robot.stopped_after(released) < TIMEOUT
+
+
+def test_no_notice_takes_the_touch_that_is_for_what_is_below_it(
+        shared: SimpleNamespace, visit: Callable[..., Hands]) -> None:
+    """On a phone they lie over the joystick."""
+    small = visit(shared.dashboard.url, has_touch=True, viewport={'width': 390, 'height': 844})
+    press_stop(small)
+    small.wait_for('STOPPED')
+    notice = small.page.locator('.q-notification').first
+    wait_until(lambda: middle_of(notice)[1] < 830.0)  # it comes from below
+    below = small.page.evaluate(
+        '([x, y]) => document.elementFromPoint(x, y).closest(".q-notification")?.className',
+        middle_of(notice))
+    release(small)
+    assert below is None
+
+
 def test_the_limits_are_kept(hands: Hands, robot: Robot) -> None:
     """By the keyboard too, which sets them."""
     slider = hands.page.get_by_role('slider', name='Fastest [m/s]')
