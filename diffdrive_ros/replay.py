@@ -204,7 +204,9 @@ def check_outputs(
     outputs: Mapping[str, Path | None], inputs: Sequence[Path | None], force: bool,
 ) -> None:
     """Raise OptionError if an output, by its option, cannot be written or must not be."""
-    taken = {os.path.realpath(path): f'{path} is an input' for path in inputs if path is not None}
+    places = {os.path.realpath(path): path for path in inputs if path is not None}
+    bags = {place: path for place, path in places.items() if os.path.isdir(place)}
+    taken = {place: f'{path} is an input' for place, path in places.items()}
     for option, path in outputs.items():
         if path is None:
             continue
@@ -220,9 +222,9 @@ def check_outputs(
             raise OptionError(f'{option} {path}: is a loop of links')
         if not os.path.isdir(os.path.dirname(place)):
             raise OptionError(f'{option} {path}: its folder does not exist')
-        for folder in filter(None, inputs):  # a bag, whose files would pass for new ones
-            if os.path.isdir(folder) and Path(place).is_relative_to(os.path.realpath(folder)):
-                raise OptionError(f'{option} {path}: is in {folder}, an input, must be elsewhere')
+        for bag, name in bags.items():  # its recording would be written over
+            if Path(place).is_relative_to(bag):
+                raise OptionError(f'{option} {path}: is in {name}, an input, must be elsewhere')
         if place in taken:
             raise OptionError(f'{option} {path}: {taken[place]}, must be another file')
         taken[place] = f'{path} is what {option} writes'

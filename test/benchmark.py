@@ -127,15 +127,20 @@ class Benchmark:
         return result
 
     def _run(self, script: str, *arguments: object) -> object:
-        done = subprocess.run(
-            [sys.executable, str(HERE / script), *map(str, arguments)], text=True,
-            stdout=subprocess.PIPE,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(next(self._domains)),
-                 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                 'PYTHONDONTWRITEBYTECODE': ''})  # compiled once, as where it is installed
-        if done.returncode:
-            sys.exit(f'{script} failed, in: {arguments}')
-        return json.loads(done.stdout.splitlines()[-1])  # DDS may print, too
+        return run(next(self._domains), script, *arguments)
+
+
+def run(domain: int, script: str, *arguments: object) -> object:
+    """Return what a script of the benchmark found, in a ROS domain on this machine."""
+    done = subprocess.run(
+        [sys.executable, str(HERE / script), *map(str, arguments)], text=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain),
+             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+             'PYTHONDONTWRITEBYTECODE': ''})  # compiled once, as where it is installed
+    if done.returncode:
+        sys.exit(f'{script} failed, in: {arguments}')
+    return json.loads(done.stdout.splitlines()[-1])  # DDS may print, too
 
 
 def parameters_in(namespace: str) -> dict[str, object]:

@@ -19,11 +19,10 @@ import sys
 import tempfile
 import time
 
-from benchmark import node_of
+from benchmark import node_of, run
 from browser import CHROMIUM, Dashboard, missing
 
 WORST = {'cpu_us': 1.1, 'p99_us': 2.0}  # times the figure without the page
-ROUND_TRIP = Path(__file__).resolve().parent / 'benchmark' / 'roundtrip.py'
 OPENING = 6.0  # [s] until the page is there and all of it is drawn
 DOMAINS = range(60, 100)
 
@@ -37,12 +36,13 @@ def main() -> int:
     if missing():
         raise SystemExit(missing())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = str(DOMAINS[os.getpid() % len(DOMAINS)])
+    domain = DOMAINS[os.getpid() % len(DOMAINS)]
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
     rounds: dict[bool, list[dict[str, float]]] = {False: [], True: []}
     for number in range(2 * options.rounds):
         has_page = number % 4 in (1, 2)  # so that neither always follows the other
         with page() if has_page else nullcontext('') as shares:
-            rounds[has_page].append(measured(options.seconds))
+            rounds[has_page].append(measured(domain, options.seconds))
         print(f'{"beside the page" if has_page else "without":16}{told(rounds[has_page][-1])}'
               f'   {shares}', flush=True)
     is_wrong = False
@@ -55,14 +55,11 @@ def main() -> int:
     return int(is_wrong)
 
 
-def measured(seconds: float) -> dict[str, float]:
-    """Return the figures of a round at 200 Hz."""
+def measured(domain: int, seconds: float) -> dict[str, float]:
+    """Return the figures of a round at 200 Hz, in a ROS domain."""
     task = {'commands': [node_of('')], 'namespaces': [''], 'rate': 200, 'settling': 1.0,
             'seconds': seconds, 'check': True}
-    done = subprocess.run(
-        [sys.executable, ROUND_TRIP, json.dumps(task)], text=True, check=True,
-        stdout=subprocess.PIPE)
-    result = json.loads(done.stdout.splitlines()[-1])  # DDS may print, too
+    result = run(domain, 'roundtrip.py', json.dumps(task))
     if result['wrong'] or result['answered'] < 1.0:
         raise SystemExit(f'not as it has to be: {result}')
     return result
