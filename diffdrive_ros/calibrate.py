@@ -22,7 +22,8 @@ from diffdrive_ros.arguments import Array, plausible
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.logs import Log, Wanted
 from diffdrive_ros.loop_closure import line_and_turn, umbmark
-from diffdrive_ros.parameter_file import Robot
+from diffdrive_ros.odometry_config import OdometryConfig
+from diffdrive_ros.parameter_file import RobotParameters
 from diffdrive_ros.replay import (
     add_log_options,
     check_outputs,
@@ -105,9 +106,9 @@ def _keep_to_one_core() -> None:
     threadpool_limits(1)
 
 
-def read_log(path: Path, robot: Robot, wanted: Wanted) -> Log:
+def read_log(path: Path, robot: RobotParameters, wanted: Wanted) -> Log:
     """Return a log with its reference; raises LogError."""
-    log = logs.read(path, robot.feedback(), wanted)
+    log = logs.read(path, robot.config.wheel_feedback(), wanted)
     if log.reference is None:
         raise logs.LogError(f'{path}: has no reference; ' + (
             'a CSV has it in the columns x,y,theta' if path.suffix == '.csv'
@@ -165,15 +166,16 @@ def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
         for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')}
 
 
-def parameters_of(robot: Robot, found: 'Calibration') -> dict[str, object]:
+def parameters_of(robot: RobotParameters, found: 'Calibration') -> dict[str, object]:
     """Return the parameters of the robot with what was found put in."""
     deviations = [
         deviation or before or by_hand for deviation, before, by_hand in zip(
-            astuple(found.uncertainty), astuple(robot.uncertainty), BY_HAND, strict=True)]
+            astuple(found.uncertainty), astuple(robot.config.geometry_uncertainty), BY_HAND,
+            strict=True)]
     return dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
-        'turn_variance': found.noise.turn or robot.noise.turn,
+        'turn_variance': found.noise.turn or robot.config.noise.turn,
         'wheel_separation_std': deviations[0],
         'left_wheel_radius_std': deviations[1],
         'right_wheel_radius_std': deviations[2],
@@ -197,7 +199,7 @@ COMMENTS = {
 }
 
 
-def summary_of(robot: Robot, found: 'Calibration') -> str:
+def summary_of(robot: RobotParameters, found: 'Calibration') -> str:
     """Return what was found as lines of text."""
     from diffdrive_ros.calibration import FLOORS
 
@@ -211,7 +213,7 @@ def summary_of(robot: Robot, found: 'Calibration') -> str:
         shown(1e3 * value, 1e3 * floor**0.5) for value, floor in zip(
             (found.position_std, found.heading_std, found.time_std, found.slow_position_std,
              found.slow_heading_std), FLOORS[3:], strict=True))
-    before, drive, deviations = robot.drive, found.drive, found.deviations
+    before, drive, deviations = robot.config.drive, found.drive, found.deviations
     lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
     for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
         deviation = _or_not_known(1e3 * deviations[index], '.3f')
@@ -270,7 +272,7 @@ def judged_table(judged: Sequence[Judged]) -> str:
 
 
 def compared(
-    log: Log, robot: Robot, found: 'Calibration', time_offset: float | None,
+    log: Log, config: OdometryConfig, found: 'Calibration', time_offset: float | None,
 ) -> Comparison:
     """Return odometry of a log beside its reference, from the first pose on."""
     time_offset = time_offset or 0.0
@@ -278,12 +280,12 @@ def compared(
     every = max(1, len(log.samples) // 500)
     known_ns = first_compared(log.samples, log.reference, time_offset)
     return compare(
-        replay(robot, log.samples, every, known_ns), log.reference, marker=found.marker,
+        replay(config, log.samples, every, known_ns), log.reference, marker=found.marker,
         time_offset=time_offset, reference_std=found.reference_std)
 
 
 def judge(
-    log: Log, drive: 'Drive', index: int, robot: Robot, found: 'Calibration',
+    log: Log, drive: 'Drive', index: int, robot: RobotParameters, found: 'Calibration',
     unseen: 'Calibration | None', terms: 'Terms',
 ) -> Judged:
     """Return how far odometry is from the reference at the end of the drive with this index."""
@@ -297,20 +299,21 @@ def judge(
 
     def final_error(geometry: DiffDrive, by: 'Calibration', time_offset: float | None) -> float:
         return compared(
-            log, replace(robot, drive=geometry), by, time_offset).figures.final_position
+            log, replace(robot.config, drive=geometry), by, time_offset).figures.final_position
 
     report = found.drives[index]
     own = offset(found) if report.outlier else report.time_offset
     by_others = None if unseen is None else offset(unseen)
     return Judged(
-        log.name, own, final_error(robot.drive, found, own), final_error(found.drive, found, own),
+        log.name, own, final_error(robot.config.drive, found, own),
+        final_error(found.drive, found, own),
         None if unseen is None or by_others is None
         else final_error(unseen.drive, unseen, by_others),
         bool(report.outlier))
 
 
 def cross_validate(
-    drives: 'Sequence[Drive]', robot: Robot, terms: 'Terms', found: 'Calibration',
+    drives: 'Sequence[Drive]', robot: RobotParameters, terms: 'Terms', found: 'Calibration',
 ) -> 'dict[int, Calibration]':
     """
     Return, for each drive, a calibration that has not seen it; not for what Ctrl-C cut off.
@@ -318,7 +321,7 @@ def cross_validate(
     That is the one by all others, but for outliers: those it has not seen anyway.
     """
     kept = [index for index, drive in enumerate(found.drives) if not drive.outlier]
-    tasks = [([drives[other] for other in kept if other != index], robot.drive, terms)
+    tasks = [([drives[other] for other in kept if other != index], robot.config.drive, terms)
              for index in kept]
     unseen = {index: found for index in range(len(drives)) if index not in kept}
     for task, result in on_all_cores('Cross-validation', calibrate_by, tasks):
@@ -360,7 +363,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def robot_of(options: argparse.Namespace) -> Robot:
+def robot_of(options: argparse.Namespace) -> RobotParameters:
     """Return the nominal robot; raises ValueError."""
     if options.params:
         if options.separation is not None or options.radius is not None:
@@ -372,7 +375,7 @@ def robot_of(options: argparse.Namespace) -> Robot:
         if not 1e-3 <= getattr(options, name) <= 1e2:
             raise OptionError(
                 f'--{name} = {getattr(options, name)}: must be from 0.001 to 100 m')
-    return Robot.of({
+    return RobotParameters.of({
         'left_wheel_names': ['left_wheel_joint'], 'right_wheel_names': ['right_wheel_joint'],
         'wheel_separation': options.separation, 'wheel_radius': options.radius})
 
@@ -411,7 +414,7 @@ def run(options: argparse.Namespace) -> None:
     terms = Terms(
         time_offset='time-offset' not in options.without, marker='marker' not in options.without)
     with Console(stderr=True).status('Fitting'):
-        found = calibrate(drives, robot.drive, terms)
+        found = calibrate(drives, robot.config.drive, terms)
     print(summary_of(robot, found))
     unseen: dict[int, Calibration] = {}
     if len(drives) > 2 and not options.no_validation:
@@ -421,7 +424,7 @@ def run(options: argparse.Namespace) -> None:
         for index, log in enumerate(kept)]
     print(judged_table(judged))
     values = parameters_of(robot, found)
-    after = Robot.of(values)
+    after = RobotParameters.of(values)
     if options.output:
         head = (
             f'Calibrated by {sum(not each.outlier for each in found.drives)} of {len(kept)} '
@@ -434,8 +437,8 @@ def run(options: argparse.Namespace) -> None:
     if options.plot:
         from diffdrive_ros import plots
         comparisons = [
-            {'before': compared(log, robot, found, each.time_offset),
-             'after': compared(log, after, found, each.time_offset)}
+            {'before': compared(log, robot.config, found, each.time_offset),
+             'after': compared(log, after.config, found, each.time_offset)}
             for log, each in zip(kept, judged, strict=True)]
         plots.draw_calibration(options.plot, comparisons, found, judged)
 
@@ -455,15 +458,15 @@ def run_by_ends(options: argparse.Namespace) -> None:
         if not 0.01 <= options.side <= 1e3:
             raise OptionError(f'--side = {options.side}: must be from 0.01 to 1000 m')
         ends = logs.read_ends(options.umbmark)
-        found = umbmark(ends['cw'], ends['ccw'], options.side, robot.drive)
+        found = umbmark(ends['cw'], ends['ccw'], options.side, robot.config.drive)
     else:
         left, right, distance, sideways, turn_left, turn_right, turned = options.line_and_turn
         found = line_and_turn(
-            (left, right), distance, sideways, (turn_left, turn_right), turned, robot.drive)
+            (left, right), distance, sideways, (turn_left, turn_right), turned, robot.config.drive)
     measures = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
     for name in measures:
         try:
-            plausible(name, getattr(found.drive, name), getattr(robot.drive, name))
+            plausible(name, getattr(found.drive, name), getattr(robot.config.drive, name))
         except ValueError as error:
             raise OptionError(
                 f'{error}: are angles in degrees, lengths in mm, signs turned round, or is the '
@@ -481,7 +484,7 @@ def run_by_ends(options: argparse.Namespace) -> None:
         values = dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
             f'{name}_std': max(deviation, by_hand) for name, deviation, by_hand in zip(
                 measures, deviations, BY_HAND, strict=True)})
-        parameter_file.check(values)
+        RobotParameters.of(values)
         parameter_file.write(options.output, values, COMMENTS, 'Calibrated by end poses.')
 
 

@@ -4,8 +4,10 @@ import itertools
 import math
 from typing import Any
 
-from diffdrive_ros import clock, ellipse, parameters, remote_parameters
+from diffdrive_ros import clock, ellipse, remote_parameters
 from diffdrive_ros.dashboard_node import DashboardNode, NoAnswerError
+from diffdrive_ros.odometry_config import diff_drive, wheel_names
+from diffdrive_ros.parameter_specs import checked_values, GEOMETRY
 from diffdrive_ros.pilot import Pilot, Twist
 from diffdrive_ros.remote_parameters import RemoteParameter
 from diffdrive_ros.track import Track
@@ -29,7 +31,7 @@ class DashboardRobot:
         self.node = node
         self.pilot = Pilot()
         self.tracks = {'odom': Track(), 'truth': Track()}
-        self.drive = parameters.drive({spec.name: spec.default for spec in parameters.GEOMETRY})
+        self.drive = diff_drive(checked_values(GEOMETRY, {}))
         self.parameters: list[RemoteParameter] = []
         self.is_silent = True
         self.is_simulated = False
@@ -243,8 +245,8 @@ class DashboardRobot:
         values = {each.name: each.value for each in learned}
         for name in ('cmd_vel_timeout', 'publish_rate'):
             float(values[name])  # numbers, as the reasons not to drive take for granted
-        self.drive = parameters.drive(values)
-        self._joints = parameters.wheel_names(values)
+        self.drive = diff_drive(values)
+        self._joints = wheel_names(values)
         self._directions = (
             float(values['left_wheel_direction']), float(values['right_wheel_direction']))
         self.node.prepare(bool(values['enable_stamped_cmd_vel']))

@@ -3,9 +3,9 @@ from collections import Counter
 import time
 
 from diffdrive_ros.command import CommandPath
-from diffdrive_ros.config import Config
 from diffdrive_ros.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
 from diffdrive_ros.odom_publisher import OdomPublisher
+from diffdrive_ros.odometry_config import OdometryConfig
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -17,7 +17,7 @@ class Monitor:
     """Looks at the paths of feedback and commands once a second, and reports what it sees."""
 
     def __init__(
-        self, node: Node, config: Config, odom: OdomPublisher, command: CommandPath,
+        self, node: Node, config: OdometryConfig, odom: OdomPublisher, command: CommandPath,
         is_example: bool,
     ) -> None:
         self._node, self._config, self._is_example = node, config, is_example

@@ -3,9 +3,7 @@ from collections.abc import Sequence
 from time import monotonic
 
 from diffdrive_ros.complaints import Complaints
-from diffdrive_ros.config import Config
-from diffdrive_ros.feedback import WheelFeedback
-from diffdrive_ros.odometry import Odometry
+from diffdrive_ros.odometry_config import OdometryConfig
 from diffdrive_ros.transforms import TransformSender
 from diffdrive_ros.wire import (
     BEFORE_ITS_END,
@@ -30,14 +28,9 @@ class OdomPublisher:
     nothing else is done on the way.
     """
 
-    def __init__(self, node: Node, config: Config) -> None:
-        self.feedback = WheelFeedback(
-            config.left_wheel_names, config.right_wheel_names,
-            config.position_feedback and not config.open_loop, config.left_wheel_direction,
-            config.right_wheel_direction, config.encoder_wrap, config.max_plausible_wheel_speed)
-        self.odometry = Odometry(
-            config.drive, window=config.velocity_rolling_window_size, noise=config.noise,
-            geometry_uncertainty=config.geometry_uncertainty)
+    def __init__(self, node: Node, config: OdometryConfig) -> None:
+        self.feedback = config.wheel_feedback()
+        self.odometry = config.odometry()
         self.sampled_at = monotonic()
         """When the last sample of the wheels was taken, on the monotonic clock; or the start."""
         self.heard_in_vain: set[str] = set()

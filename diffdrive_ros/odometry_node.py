@@ -9,11 +9,12 @@ from diffdrive_ros import out_of_turn, parameters, spinning
 from diffdrive_ros.clock import steady_ns
 from diffdrive_ros.command import CommandPath, STOP
 from diffdrive_ros.complaints import Complaints
-from diffdrive_ros.config import Config, NOT_FOR_US, RETIRED, SPECS
 from diffdrive_ros.lateness import ALIKE_NS, Lateness
 from diffdrive_ros.message_info import with_time_sent
 from diffdrive_ros.monitor import Monitor
 from diffdrive_ros.odom_publisher import OdomPublisher
+from diffdrive_ros.odometry_config import OdometryConfig
+from diffdrive_ros.parameter_specs import ODOMETRY, RETIRED, Values
 from diffdrive_ros.pose_message import read_pose
 from diffdrive_ros.wheel_commands import NEWEST_ONLY, of_each, SENDERS
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
@@ -47,7 +48,7 @@ class OdometryNode(Node):
     def __init__(self, *, parameter_file: bool = False, **kwargs: Any) -> None:
         super().__init__('odometry', **kwargs)
         try:
-            values = parameters.declare(self, SPECS)
+            values = parameters.declare(self, ODOMETRY)
             is_example = parameters.is_example_robot(self, parameter_file)
             config = self._config = self._config_of(values)
         except ValueError as error:
@@ -58,7 +59,7 @@ class OdometryNode(Node):
             config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
             config.angular_limits, 1.0 / config.command_rate, config.left_wheel_direction,
             config.right_wheel_direction)
-        parameters.follow_changes(self, SPECS, self._config_of, self._apply)
+        parameters.follow_changes(self, ODOMETRY, self._config_of, self._apply)
         self._lateness = Lateness(_alike_ns(config.cmd_vel_timeout))
         self._sent = STOP
         self._is_commanding = False
@@ -85,7 +86,7 @@ class OdometryNode(Node):
                 left = max(0.0, deadline - time.monotonic())
                 publisher.wait_for_all_acked(Duration(seconds=left))
 
-    def _create_publishers(self, config: Config) -> None:
+    def _create_publishers(self, config: OdometryConfig) -> None:
         self._sender = SENDERS[config.command_interface](
             self, config.left_wheel_names, config.right_wheel_names)
         self._applied_publisher = None
@@ -95,7 +96,7 @@ class OdometryNode(Node):
             self._applied_message = TwistStamped()
             self._applied_message.header.frame_id = config.base_frame
 
-    def _create_subscriptions(self, config: Config) -> None:
+    def _create_subscriptions(self, config: OdometryConfig) -> None:
         self._timer = self.create_timer(
             1.0 / config.command_rate, self._on_timer,
             clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -118,8 +119,8 @@ class OdometryNode(Node):
         self.create_service(Trigger, '~/reset_odometry', self._on_reset)
         self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
 
-    def _say_what_runs(self, config: Config, is_example: bool) -> None:
-        parameters.say_unknown_names(self, SPECS, RETIRED, NOT_FOR_US)
+    def _say_what_runs(self, config: OdometryConfig, is_example: bool) -> None:
+        parameters.say_unknown_names(self, ODOMETRY, RETIRED)
         drive = config.drive
         robot = (f'wheel_separation {drive.wheel_separation:g} m, wheel radii '
                  f'{drive.left_wheel_radius:g} and {drive.right_wheel_radius:g} m')
@@ -140,7 +141,7 @@ class OdometryNode(Node):
         self._warn_of_no_timeout(config)
         self._warn_of_limits(config)
 
-    def _warn_of_limits(self, config: Config) -> None:
+    def _warn_of_limits(self, config: OdometryConfig) -> None:
         """Say what is new of limits that may not be what was meant."""
         said, self._limits_said = self._limits_said, set()
         for axis, limits in (
@@ -154,15 +155,15 @@ class OdometryNode(Node):
         for text in sorted(self._limits_said - said):
             self.get_logger().warning(text)
 
-    def _warn_of_no_timeout(self, config: Config) -> None:
+    def _warn_of_no_timeout(self, config: OdometryConfig) -> None:
         if not config.cmd_vel_timeout:
             self.get_logger().warning(
                 'cmd_vel_timeout = 0.0: when commands stop coming, the wheels keep turning')
 
-    def _config_of(self, values: parameters.Values) -> Config:
-        return Config.of(values, self.get_namespace())
+    def _config_of(self, values: Values) -> OdometryConfig:
+        return OdometryConfig.of(values, self.get_namespace())
 
-    def _apply(self, config: Config) -> None:
+    def _apply(self, config: OdometryConfig) -> None:
         if config.cmd_vel_timeout != self._config.cmd_vel_timeout:
             self._warn_of_no_timeout(config)
         self._warn_of_limits(config)

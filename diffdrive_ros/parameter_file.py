@@ -1,24 +1,32 @@
 """
-The node's parameter file, read and written where there is no ROS.
+The parameter file of the node odometry, read and written where there is no ROS.
 
-Of the parameters, those that odometry depends on are taken, by the node's rules; the node
-validates all of them when it starts. Names, rules and defaults are those of parameters.py and
-config.py, which need ROS; test_parameter_file.py holds the two against each other.
+Names, types, rules and defaults are those of the node, by the one table of parameters.
 """
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-import difflib
 import fnmatch
 import math
 from pathlib import Path
 import re
 from typing import Any
 
-from diffdrive_ros.feedback import WheelFeedback
 from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.odometry import GeometryUncertainty, Odometry, WheelNoise
+from diffdrive_ros.odometry_config import OdometryConfig
+from diffdrive_ros.parameter_specs import (
+    checked_values,
+    missing_geometry,
+    nearest_name,
+    NOT_OURS,
+    ODOMETRY,
+    ParameterError,
+    RETIRED,
+)
 
 KEY = '/**/odometry'
+
+# A name that is no parameter, and as similar to one as this, is a mistake.
+SIMILAR = 0.8
 
 
 class ParameterFileError(ValueError):
@@ -26,138 +34,35 @@ class ParameterFileError(ValueError):
 
 
 @dataclass(frozen=True)
-class Rule:
-    """What a parameter has to be: its type as the node takes it, and what else holds of it."""
-
-    kind: type
-    text: str
-    holds: Callable[[Any], bool] = lambda value: True
-
-    def check(self, name: str, value: object) -> None:
-        """Raise ParameterFileError unless the value keeps the rule."""
-        # As in the node, 1 may stand for 1.0, but 1.0 not for 1 and true not for 1.
-        kinds = (int, float) if self.kind is float else (self.kind,)
-        if type(value) not in kinds or not self.holds(value):
-            raise ParameterFileError(f'{name} = {value!r}: {self.text}')
-
-
-_NAMES = Rule(
-    list, 'must be a list of one or more different joint names',
-    lambda value: all(isinstance(name, str) and name for name in value)
-    and 0 < len(value) == len(set(value)))
-_POSITIVE = Rule(float, 'must be positive and finite', lambda value: 0.0 < value < math.inf)
-_POSITIVE_OR_NAN = Rule(
-    float, 'must be positive and finite, or .nan for none',
-    lambda value: 0.0 < value < math.inf or math.isnan(value))
-_NOT_NEGATIVE = Rule(
-    float, 'must be finite and zero or more', lambda value: 0.0 <= value < math.inf)
-_FACTOR = Rule(float, 'must be from 0.1 to 10', lambda value: 0.1 <= value <= 10.0)
-_DIRECTION = Rule(int, 'must be 1 or -1', lambda value: value in (1, -1))
-_FRAME = Rule(str, 'must be a text that is not empty', bool)
-
-RULES = {
-    'left_wheel_names': _NAMES,
-    'right_wheel_names': _NAMES,
-    'wheel_separation': _POSITIVE,
-    'wheel_radius': _POSITIVE,
-    'wheel_separation_multiplier': _FACTOR,
-    'left_wheel_radius_multiplier': _FACTOR,
-    'right_wheel_radius_multiplier': _FACTOR,
-    'left_wheel_direction': _DIRECTION,
-    'right_wheel_direction': _DIRECTION,
-    'position_feedback': Rule(bool, 'must be true or false'),
-    'encoder_wrap': _POSITIVE_OR_NAN,
-    'max_plausible_wheel_speed': _POSITIVE_OR_NAN,
-    'velocity_rolling_window_size': Rule(
-        int, 'must be an integer from 1 to 10000', lambda value: 1 <= value <= 10000),
-    'left_wheel_travel_variance': _NOT_NEGATIVE,
-    'right_wheel_travel_variance': _NOT_NEGATIVE,
-    'turn_variance': _NOT_NEGATIVE,
-    'wheel_separation_std': _NOT_NEGATIVE,
-    'left_wheel_radius_std': _NOT_NEGATIVE,
-    'right_wheel_radius_std': _NOT_NEGATIVE,
-    'odom_frame_id': _FRAME,
-    'base_frame_id': _FRAME,
-}
-
-
-def check(values: Mapping[str, Any]) -> None:
-    """Raise ParameterFileError unless parameters keep the rules, each by itself and together."""
-    for name, value in values.items():
-        if name in RULES:
-            RULES[name].check(name, value)
-        elif value is None:
-            raise ParameterFileError(f'{name} = null: must have a value')
-        elif near := difflib.get_close_matches(name, RULES, n=1, cutoff=0.9):
-            raise ParameterFileError(f'{name} = {value!r}: is no parameter; is it {near[0]}?')
-    for name in ('wheel_separation', 'wheel_radius'):
-        if name not in values:
-            raise ParameterFileError(f'{name} = (not set): {RULES[name].text}')
-    left, right = (
-        values.get(f'{side}_wheel_names', [f'{side}_wheel_joint']) for side in ('left', 'right'))
-    if len(left) != len(right):
-        raise ParameterFileError(
-            f'right_wheel_names = {right}: must be as many as left_wheel_names, {len(left)}')
-    if both := sorted(set(left) & set(right)):
-        raise ParameterFileError(
-            f'right_wheel_names = {right}: must not share {both[0]} with left_wheel_names')
-
-
-@dataclass(frozen=True)
-class Robot:
-    """What odometry is told of a robot; values are the parameters as they stand in the file."""
+class RobotParameters:
+    """The parameters of a robot: as they stand in a file, and the configuration they make."""
 
     values: Mapping[str, Any]
-    nominal: DiffDrive
-    drive: DiffDrive
-    noise: WheelNoise
-    uncertainty: GeometryUncertainty
-    left_names: tuple[str, ...]
-    right_names: tuple[str, ...]
+    config: OdometryConfig
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> 'Robot':
-        """Return the robot of a node's parameters; raises ValueError."""
-        check(values)
-        separation, radius = float(values['wheel_separation']), float(values['wheel_radius'])
-        factors = [
-            values.get(name, 1.0) for name in (
-                'wheel_separation_multiplier', 'left_wheel_radius_multiplier',
-                'right_wheel_radius_multiplier')]
-        drive = DiffDrive(
-            separation * factors[0], radius * factors[1], radius * factors[2])
-        default = WheelNoise()
-        names = [
-            tuple(values.get(f'{side}_wheel_names', [f'{side}_wheel_joint']))
-            for side in ('left', 'right')]
-        return cls(
-            values=values, nominal=DiffDrive(separation, radius, radius), drive=drive,
-            noise=WheelNoise(
-                values.get('left_wheel_travel_variance', default.left_travel),
-                values.get('right_wheel_travel_variance', default.right_travel),
-                values.get('turn_variance', default.turn)),
-            uncertainty=GeometryUncertainty(*(
-                values.get(f'{name}_std', 0.0) for name in (
-                    'wheel_separation', 'left_wheel_radius', 'right_wheel_radius'))),
-            left_names=names[0], right_names=names[1])
+    def of(cls, values: Mapping[str, Any]) -> 'RobotParameters':
+        """Return the parameters of a robot whose geometry is given; raises ParameterError."""
+        known = {spec.name for spec in ODOMETRY}
+        for name, value in values.items():
+            if value is None:
+                raise ParameterError(name, 'null', 'must have a value')
+            if name not in known and name not in RETIRED and not name.startswith(
+                    NOT_OURS) and (near := nearest_name(name, known, SIMILAR)):
+                raise ParameterError(name, repr(value), f'is no parameter; is it {near}?')
+        if missing := missing_geometry(values):
+            raise ParameterError(missing.name, '(not set)', missing.rule.text)
+        return cls(values, OdometryConfig.of(checked_values(ODOMETRY, values)))
 
-    def feedback(self) -> WheelFeedback:
-        """Return the way in of the wheels, with the node's rules."""
-        values = self.values
-        return WheelFeedback(
-            self.left_names, self.right_names, values.get('position_feedback', True),
-            values.get('left_wheel_direction', 1), values.get('right_wheel_direction', 1),
-            _set(values.get('encoder_wrap')), _set(values.get('max_plausible_wheel_speed')))
-
-    def odometry(self) -> Odometry:
-        """Return the odometry as the node has it."""
-        return Odometry(
-            self.drive, window=self.values.get('velocity_rolling_window_size', 10),
-            noise=self.noise, geometry_uncertainty=self.uncertainty)
+    @property
+    def nominal(self) -> DiffDrive:
+        """Return the geometry without multipliers."""
+        radius = self.values['wheel_radius']
+        return DiffDrive(self.values['wheel_separation'], radius, radius)
 
 
-def read(path: Path) -> Robot:
-    """Return the robot of a file, of the keys that are the node's; raises ParameterFileError."""
+def read(path: Path) -> RobotParameters:
+    """Return the parameters of the node in a file; raises ParameterFileError."""
     try:
         import yaml
     except ImportError:
@@ -172,7 +77,7 @@ def read(path: Path) -> Robot:
         re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'), list('-+.0123456789'))
     try:
         content = yaml.load(path.read_text(encoding='utf-8'), Loader)
-        return Robot.of(_values(content))
+        return RobotParameters.of(_values(content))
     except ParameterFileError as error:
         raise ParameterFileError(f'{path}: {error}') from None
     except (OSError, ValueError, TypeError, RecursionError, yaml.YAMLError) as error:
@@ -234,7 +139,3 @@ def _text(value: object) -> str:
     if isinstance(value, str):
         return "'" + value.replace("'", "''") + "'"
     return str(value)
-
-
-def _set(value: float | None) -> float | None:
-    return None if value is None or math.isnan(value) else value

@@ -17,7 +17,8 @@ from diffdrive_ros.arguments import Array
 from diffdrive_ros.evaluation import Evaluation
 from diffdrive_ros.feedback import WheelSample
 from diffdrive_ros.logs import Track, Wanted
-from diffdrive_ros.parameter_file import Robot
+from diffdrive_ros.odometry_config import OdometryConfig
+from diffdrive_ros.parameter_file import RobotParameters
 import numpy as np
 import numpy.typing as npt
 
@@ -52,7 +53,8 @@ class Replayed:
 
 
 def replay(
-    robot: Robot, samples: Sequence[WheelSample], every: int = 1, known_ns: int | None = None,
+    config: OdometryConfig, samples: Sequence[WheelSample], every: int = 1,
+    known_ns: int | None = None,
 ) -> Replayed:
     """
     Return what the node makes of the samples; in detail of every so many of them.
@@ -60,7 +62,7 @@ def replay(
     known_ns: from the first sample on that is not older, covariances are of what is driven from
     there, as if the pose had been known then.
     """
-    odometry = robot.odometry()
+    odometry = config.odometry()
     stamps: list[int] = []
     poses, detailed, details = [], [], []
     for sample in samples:
@@ -272,7 +274,7 @@ def run(options: argparse.Namespace) -> None:
     _check_numbers(options)
     robot = parameter_file.read(options.params)
     wanted = Wanted(options.wheels, options.reference, options.reference_child)
-    log = logs.read(options.log, robot.feedback(), wanted)
+    log = logs.read(options.log, robot.config.wheel_feedback(), wanted)
     if log.reference is None:
         refuse_idle(
             options, ('--marker', '--time-offset', '--align', '--reference-std'),
@@ -287,14 +289,15 @@ def run(options: argparse.Namespace) -> None:
     if log.reference is not None and how == 'start':
         known_ns = first_compared(log.samples, log.reference, time_offset)
     # What is written has the covariances that the node would publish.
-    results = {name: replay(each, log.samples, every, None if is_full else known_ns)
+    results = {name: replay(each.config, log.samples, every, None if is_full else known_ns)
                for name, each in robots.items()}
     replayed = list(results.values())[-1]
     duration = float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9
     comparisons = {}
     if log.reference is not None:
         judged = results if not is_full else {
-            name: replay(each, log.samples, every, known_ns) for name, each in robots.items()}
+            name: replay(each.config, log.samples, every, known_ns)
+            for name, each in robots.items()}
         comparisons = {
             name: compare(
                 each, log.reference, how=how, time_offset=time_offset,
@@ -348,7 +351,7 @@ def table_of(columns: dict[str, Evaluation], how: str) -> str:
     return '\n'.join(line.rstrip() for line in lines)
 
 
-def write_poses(path: Path, replayed: Replayed, robot: Robot) -> None:
+def write_poses(path: Path, replayed: Replayed, robot: RobotParameters) -> None:
     """Write the poses in the format that the file's ending says."""
     stamps = replayed.stamps_ns.tolist()
     if path.suffix == '.csv':

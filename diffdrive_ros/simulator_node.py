@@ -7,39 +7,14 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diffdrive_ros import parameters, spinning, wheel_commands
-from diffdrive_ros.parameters import Rule, Spec
+from diffdrive_ros.odometry_config import diff_drive, wheel_names
+from diffdrive_ros.parameter_specs import SIMULATOR
 from diffdrive_ros.simulation import RobotModel, SimulatedRobot
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-
-SPECS = (
-    *parameters.GEOMETRY,
-    Spec('publish_rate', 50.0, 'Rate of joint_states and ground_truth [Hz].', parameters.RATE),
-    Spec('motor_time_constant', 0.05,
-         'After this long a wheel has done 63 % of a change of speed [s].',
-         parameters.NOT_NEGATIVE),
-    Spec('encoder_ticks', 4096, 'Steps of the encoder per turn of the wheel; 0: none.',
-         parameters.NOT_NEGATIVE),
-    Spec('slip', 0.0, 'Share of their travel that both wheels lose on the floor.',
-         Rule('must be zero or more and below 1', lambda value: 0.0 <= value < 1.0)),
-    Spec('travel_noise', 0.0,
-         "Standard deviation of a wheel's travel over the floor after one metre [m/sqrt(m)].",
-         parameters.NOT_NEGATIVE),
-    Spec('seed', 0, 'Of the noise: the same seed gives the same robot.',
-         parameters.NOT_NEGATIVE),
-    Spec('command_timeout', 0.5,
-         'The motors stop when no wheel command has come for this long [s].',
-         parameters.POSITIVE),
-    Spec('crossed_cables', False,
-         'Left and right are mixed up, motors and encoders, as by a builder in a hurry.',
-         live=True),
-    Spec('odom_frame_id', 'odom', 'Frame of the true pose.', parameters.NOT_EMPTY),
-    Spec('base_frame_id', 'base_link', 'Frame between the wheels.', parameters.NOT_EMPTY),
-    parameters.COMMAND_INTERFACE,
-)
 
 
 class SimulatorNode(Node):
@@ -52,10 +27,10 @@ class SimulatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('simulator', **kwargs)
         try:
-            values = parameters.declare(self, SPECS)
+            values = parameters.declare(self, SIMULATOR)
             parameters.is_example_robot(self, parameter_file=False)
-            self._left_names, self._right_names = parameters.wheel_names(values)
-            drive = parameters.drive(values)
+            self._left_names, self._right_names = wheel_names(values)
+            drive = diff_drive(values)
             model = RobotModel(
                 drive.wheel_separation, drive.left_wheel_radius, drive.right_wheel_radius,
                 **{name: values[name] for name in (
@@ -79,8 +54,8 @@ class SimulatorNode(Node):
             JointState, 'joint_states', QoSProfile(depth=50))
         self._truth_publisher = self.create_publisher(
             OdometryMessage, 'ground_truth', QoSProfile(depth=10))
-        parameters.follow_changes(self, SPECS, dict, self._apply)
-        parameters.say_unknown_names(self, SPECS)
+        parameters.follow_changes(self, SIMULATOR, dict, self._apply)
+        parameters.say_unknown_names(self, SIMULATOR)
         self.get_logger().info(
             f'a robot with wheel_separation {model.wheel_separation:g} m, wheel radii '
             f'{model.left_wheel_radius:g} and {model.right_wheel_radius:g} m waits for '

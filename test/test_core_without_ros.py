@@ -25,6 +25,9 @@ CORE = {
     'lateness': set(),
     'limits': set(),
     'command': {'arguments', 'se2', 'kinematics', 'limits'},
+    'parameter_specs': {'arguments', 'se2', 'kinematics', 'odometry'},
+    'odometry_config': {
+        'arguments', 'se2', 'kinematics', 'odometry', 'feedback', 'limits', 'parameter_specs'},
     'wire': {'arguments', 'se2', 'kinematics', 'odometry'},
     'log_messages': {'wire'},
     # The judge of the odometry shares no code with it.
@@ -42,11 +45,13 @@ CORE = {
 OFFLINE = {
     'calibration': ({'arguments', 'se2', 'kinematics', 'odometry', 'linearization'}, {'scipy'}),
     'logs': ({'arguments', 'feedback', 'log_messages', 'wire'}, {'rosbags'}),
-    'parameter_file': ({'arguments', 'feedback', 'kinematics', 'odometry'}, {'yaml'}),
+    'parameter_file': ({'kinematics', 'odometry_config', 'parameter_specs'}, {'yaml'}),
     'replay': (
-        {'arguments', 'evaluation', 'feedback', 'logs', 'parameter_file', 'plots', 'se2'}, set()),
+        {'arguments', 'evaluation', 'feedback', 'logs', 'odometry_config',
+         'parameter_file', 'plots', 'se2'}, set()),
     'calibrate': (
-        {'arguments', 'calibration', 'kinematics', 'logs', 'loop_closure', 'parameter_file',
+        {'arguments', 'calibration', 'kinematics', 'logs', 'loop_closure',
+         'odometry_config', 'parameter_file',
          'plots', 'replay'}, {'rich', 'threadpoolctl'}),
     'plots': (
         {'arguments', 'calibrate', 'calibration', 'logs', 'replay'},  # the types only

@@ -13,13 +13,14 @@ import time
 import bags
 from calibration_consistency import simulated_drive
 from diffdrive_ros import calibrate, calibration, example, logs, parameter_file, replay
-from diffdrive_ros.config import Config, SPECS
 from diffdrive_ros.feedback import WheelSample
 from diffdrive_ros.kinematics import DiffDrive
 from diffdrive_ros.logs import Track
 from diffdrive_ros.loop_closure import square_angles
 from diffdrive_ros.odometry import integrate, Odometry, WheelNoise
-from diffdrive_ros.parameter_file import Robot
+from diffdrive_ros.odometry_config import OdometryConfig
+from diffdrive_ros.parameter_file import RobotParameters
+from diffdrive_ros.parameter_specs import ODOMETRY
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -95,12 +96,12 @@ def calibrated(place):
 def test_the_parameter_file_of_a_calibration_is_one_that_the_node_takes(calibrated):
     content = yaml.safe_load((calibrated / 'robot.yaml').read_text())
     values = parameter_file._flat(content['/**/odometry']['ros__parameters'])
-    defaults = {spec.name: spec.default for spec in SPECS}
-    for spec in SPECS:
+    defaults = {spec.name: spec.default for spec in ODOMETRY}
+    for spec in ODOMETRY:
         if spec.name in values:
             spec.check(values[spec.name])
     assert values.keys() <= defaults.keys()
-    config = Config.of(defaults | values)
+    config = OdometryConfig.of(defaults | values)
     found = json.loads((calibrated / 'found.json').read_text())
     for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'):
         assert getattr(config.drive, name) == pytest.approx(found[name])
@@ -137,21 +138,21 @@ def test_final_errors_are_taken_with_the_offset_of_the_clocks_that_was_found(lat
 
 
 def test_what_the_drives_do_not_tell_stays_as_the_file_has_it():
-    robot = Robot.of({
+    robot = RobotParameters.of({
         'wheel_separation': 0.30, 'wheel_radius': 0.05, 'wheel_separation_multiplier': 1.01,
         'left_wheel_radius_multiplier': 0.994, 'right_wheel_radius_multiplier': 1.008,
         'wheel_separation_std': 0.0007})
     random = np.random.default_rng(3)
     angles, seconds = np.linspace(0.0, 100.0, 401), 0.05 * np.arange(401)
     left, right = angles * 1.008, angles * 0.994
-    noisy = integrate(robot.drive, left, right) + 1e-3 * random.normal(size=(401, 3))
+    noisy = integrate(robot.config.drive, left, right) + 1e-3 * random.normal(size=(401, 3))
     found = calibration.calibrate(
-        [calibration.Drive('line', seconds, left, right, seconds, noisy)], robot.drive)
+        [calibration.Drive('line', seconds, left, right, seconds, noisy)], robot.config.drive)
     assert found.not_observed
     values = calibrate.parameters_of(robot, found)
-    after = Robot.of(values)
-    assert after.drive.wheel_separation == pytest.approx(0.303)
-    assert after.uncertainty.wheel_separation == 0.0007
+    after = RobotParameters.of(values)
+    assert after.config.drive.wheel_separation == pytest.approx(0.303)
+    assert after.config.geometry_uncertainty.wheel_separation == 0.0007
     judged = [calibrate.Judged('line', None, 0.0, 0.0, None, is_outlier=False)]
     assert calibrate.as_json(found, judged, values)['wheel_separation_std'] == 0.0007
 
@@ -172,7 +173,7 @@ def test_headings_that_are_none_are_said_to_be_none(place):
     drives = [calibrate.drive_of(calibrate.read_log(
         place / name, robot, logs.Wanted('joint_states'))) for name in (
             'degrees.csv', 'eight.csv', 'circle_back.csv')]
-    said = [calibrate.summary_of(robot, calibration.calibrate(kept, robot.drive))
+    said = [calibrate.summary_of(robot, calibration.calibrate(kept, robot.config.drive))
             for kept in (drives, drives[1:])]
     assert ['in degrees, or none?' in each for each in said] == [True, False]
 
@@ -215,7 +216,7 @@ def drives_with_noise(count):
 
 @pytest.mark.parametrize('begin', [0, 120])
 def test_the_nees_is_one_whenever_the_reference_begins(begin):
-    robot = Robot.of({
+    robot = RobotParameters.of({
         'wheel_separation': 0.30, 'wheel_radius': 0.05, 'left_wheel_radius_multiplier': 0.98,
         'right_wheel_radius_multiplier': 1.02, 'left_wheel_travel_variance': 1e-5,
         'right_wheel_travel_variance': 1e-9, 'turn_variance': 0.0})
@@ -224,7 +225,7 @@ def test_the_nees_is_one_whenever_the_reference_begins(begin):
         part = Track(track.stamps_ns[begin:], track.poses[begin:], 'world')
         known_ns = replay.first_compared(samples, part, 0.0)
         compared = replay.compare(
-            replay.replay(robot, samples, known_ns=known_ns), part,
+            replay.replay(robot.config, samples, known_ns=known_ns), part,
             reference_std=(1e-4, 1e-4))
         scores.append(compared.figures.nees_final)
     assert np.mean(scores) == pytest.approx(1.0, abs=0.12)
@@ -368,7 +369,7 @@ def test_squares_and_a_ruler_will_do(tmp_path):
                 '--radius', 0.05, '--output', tmp_path / 'robot.yaml')
     assert done.returncode == 0, done.stderr
     assert 'E_b 1.0' in done.stdout
-    assert parameter_file.read(tmp_path / 'robot.yaml').drive.wheel_separation > 0.34
+    assert parameter_file.read(tmp_path / 'robot.yaml').config.drive.wheel_separation > 0.34
 
 
 def ends_of(path, truth, before):
@@ -387,11 +388,11 @@ def test_a_second_pass_of_squares_goes_on_from_the_first(tmp_path, monkeypatch, 
     Path('0.yaml').write_text(NOMINAL)
     truth = DiffDrive(0.3051, 0.0496, 0.0504)
     for number in range(2):
-        ends_of(Path('ends.csv'), truth, parameter_file.read(Path(f'{number}.yaml')).drive)
+        ends_of(Path('ends.csv'), truth, parameter_file.read(Path(f'{number}.yaml')).config.drive)
         calibrate.main([
             '--umbmark', 'ends.csv', '--side', '4', '--params', f'{number}.yaml', '--output',
             f'{number + 1}.yaml'])
-        found = parameter_file.read(Path(f'{number + 1}.yaml')).drive
+        found = parameter_file.read(Path(f'{number + 1}.yaml')).config.drive
         assert found.wheel_separation == pytest.approx(truth.wheel_separation, rel=2e-3)
         assert found.right_wheel_radius == pytest.approx(truth.right_wheel_radius, rel=1e-3)
     # Squares do not tell how large the wheels are, whatever their ratio.
