@@ -36,7 +36,7 @@ consistency:  ## check the covariance, and the error bars of calibrations, in si
 	@[ -n '$(ARGS)' ] || .ci/environment test python test/consistency.py --calibrations 500
 
 example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that run
-	@.ci/environment offline python -m diffdrive_ros.example $(ARGS)
+	@.ci/environment tools python -m diffdrive_ros.example $(ARGS)
 
 browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
 	@.ci/environment test python -m pytest -m browser test/test_dashboard_browser.py $(ARGS)

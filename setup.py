@@ -34,8 +34,8 @@ setup(
     extras_require={
         'dashboard': ['nicegui~=3.18'],
         'demo': ['matplotlib', 'rich'],
-        # What the tools for logs need, and the node does not.
-        'offline': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy', 'threadpoolctl'],
+        # What replay, calibrate and example need, and the node does not.
+        'tools': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy', 'threadpoolctl'],
         # colcon runs pytest because it finds it here. The linters keep to one minor version,
         # so that a new release of theirs fails nobody's build.
         'test': [
