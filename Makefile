@@ -31,33 +31,36 @@ colcon:  ## build and test as a ROS workspace does
 	@.ci/environment test .ci/tf2_msgs
 	@.ci/environment test .ci/colcon
 
+# The scripts in test/ import each other and the helpers from there.
+consistency latency page mutants fuzz soak bench: export PYTHONPATH := test$(if $(PYTHONPATH),:$(PYTHONPATH))
+
 consistency:  ## check the covariance, and the error bars of calibrations, in simulation
-	@.ci/environment test python test/consistency.py $(ARGS)
-	@[ -n '$(ARGS)' ] || .ci/environment test python test/consistency.py --calibrations 500
+	@.ci/environment test python -m checks.consistency $(ARGS)
+	@[ -n '$(ARGS)' ] || .ci/environment test python -m checks.consistency --calibrations 500
 
 example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that run
-	@.ci/environment run python -m diffdrive_ros.example $(ARGS)
+	@.ci/environment run python -m diffdrive_ros.tools.example $(ARGS)
 
 browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
-	@.ci/environment test python -m pytest -m browser test/test_dashboard_browser.py $(ARGS)
+	@.ci/environment test python -m pytest -m browser test/dashboard/test_browser.py $(ARGS)
 
 latency:  ## measure from key press to wheel command: make latency ARGS='--presses 50'
-	@.ci/environment test python test/page_latency.py $(ARGS)
+	@.ci/environment test python -m checks.page_latency $(ARGS)
 
 page:  ## measure what the page costs an odometry beside it: make page ARGS='--rounds 3'
-	@.ci/environment test python test/page_cost.py $(ARGS)
+	@.ci/environment test python -m checks.page_cost $(ARGS)
 
 mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23'
-	@.ci/environment test python test/mutants.py $(ARGS)
+	@.ci/environment test python -m checks.mutants $(ARGS)
 
 fuzz:  ## send ten million messages through the pure modules: make fuzz ARGS='--seed 2'
-	@.ci/environment test python test/fuzz.py $(ARGS)
+	@.ci/environment test python -m checks.fuzz $(ARGS)
 
 soak:  ## drive for 15 minutes with a fault each second: make soak ARGS='--minutes 60'
-	@.ci/environment test python test/soak.py $(ARGS)
+	@.ci/environment test python -m checks.soak $(ARGS)
 
 bench:  ## measure what node and core cost, into doc/performance.md: make bench ARGS=--quick prints
-	@.ci/environment test python test/benchmark.py $(ARGS)
+	@.ci/environment test python -m benchmark.benchmark $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
 	rm -rf .venv .venv-ros .colcon build dist demo.png example optiodom *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,7 +1,7 @@
 from glob import glob
 from xml.etree import ElementTree
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 # package.xml is the one place of the version, the description and the maintainer.
 manifest = ElementTree.parse('package.xml').getroot()
@@ -22,8 +22,8 @@ setup(
         'Typing :: Typed',
     ],
     python_requires='>=3.10',
-    packages=[name],
-    package_data={name: ['py.typed', 'dashboard.css', 'dashboard.js']},
+    packages=find_packages(include=[name, f'{name}.*']),
+    package_data={name: ['py.typed'], f'{name}.dashboard': ['static/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
@@ -63,12 +63,12 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'calibrate = diffdrive_ros.calibrate:main',
-            'dashboard = diffdrive_ros.dashboard:main',
-            'demo = diffdrive_ros.demo:main',
-            'odometry = diffdrive_ros.odometry_node:main',
-            'replay = diffdrive_ros.replay:main',
-            'simulator = diffdrive_ros.simulator_node:main',
+            'calibrate = diffdrive_ros.tools.calibrate:main',
+            'dashboard = diffdrive_ros.dashboard.main:main',
+            'demo = diffdrive_ros.demo.main:main',
+            'odometry = diffdrive_ros.node.odometry_node:main',
+            'replay = diffdrive_ros.tools.replay:main',
+            'simulator = diffdrive_ros.node.simulator_node:main',
         ],
     },
 )

@@ -9,11 +9,11 @@ from pathlib import Path
 import signal
 import tempfile
 
-from diffdrive_ros.odometry_node import OdometryNode
+from diffdrive_ros.node.odometry_node import OdometryNode
 from hypothesis import settings
 import pytest
 from rclpy.parameter import Parameter
-from station import GEOMETRY, Process, Station
+from support.station import GEOMETRY, Process, Station
 
 settings.register_profile('suite', deadline=None, derandomize=True)
 settings.load_profile('suite')
@@ -35,7 +35,7 @@ for _ in range(os.getppid() % 101):
 
 # No distribution has rosbags: where pip has not brought it, what needs it is left out.
 collect_ignore = [] if find_spec('rosbags') or os.environ.get('CI') else [
-    'test_logs.py', 'test_offline_tools.py']
+    'tools/test_logs.py', 'tools/test_offline_tools.py']
 
 
 @contextmanager

@@ -3,7 +3,7 @@ import doctest
 from pathlib import Path
 import re
 
-from diffdrive_ros.parameter_specs import ODOMETRY, ParameterSpec, SIMULATOR
+from diffdrive_ros.core.parameter_specs import ODOMETRY, ParameterSpec, SIMULATOR
 import pytest
 import yaml
 

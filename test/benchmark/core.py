@@ -12,8 +12,8 @@ import statistics
 import sys
 import time
 
-from diffdrive_ros.kinematics import DiffDrive
-from diffdrive_ros.odometry import GeometryUncertainty, integrate, integrate_chunks, Odometry
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, integrate_chunks, Odometry
 import numpy as np
 
 DRIVE = DiffDrive(0.16, 0.033, 0.033)

@@ -1,0 +1,1 @@
+"""Arrays in, geometry and its uncertainty out, with scipy."""

@@ -1,0 +1,125 @@
+"""
+A whole drive at once, to first order: its poses, and what errors of any kind do to them.
+
+What Odometry propagates sample by sample (doc/kinematics.md, section 9) is here a running sum.
+Let T = [[1, 0, -y], [0, 1, x], [0, 0, 1]] and the error of a pose be T eta: eta is that error seen
+from the origin of the world. Later motion leaves it as it is, since the F of a step is the T after
+it times the inverse of the T before. So errors seen from the origin simply add up.
+"""
+from dataclasses import dataclass
+
+from diffdrive_ros.core import se2
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import integrate, ORIGIN, WheelNoise
+from diffdrive_ros.core.validation import Array
+import numpy as np
+import numpy.typing as npt
+
+Chosen = list[int] | npt.NDArray[np.int64] | slice
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """
+    N poses of a drive, (N, 3), and their dependence on what may be wrong.
+
+    by_geometry, (N, 3, 3): derivatives by wheel_separation, left_wheel_radius and
+    right_wheel_radius, in columns. by_start, (N, 3, 3): by the start pose. seen_from, (N, 3, 3):
+    T, which takes errors seen from the world's origin to errors of the pose. left_noise,
+    right_noise and turn_noise, (N, 3, 3): covariances seen from the origin, for one unit of the
+    respective parameter of WheelNoise.
+    """
+
+    poses: Array
+    by_geometry: Array
+    by_start: Array
+    seen_from: Array
+    left_noise: Array
+    right_noise: Array
+    turn_noise: Array
+    by_steps: Array
+    """Of all steps, seen from the origin: by left and right travel and turn, (M - 1, 3, 3)."""
+    variances: Array
+    """Of all steps, for one unit of each parameter of WheelNoise, (M - 1, 3)."""
+
+    def covariances(self, noise: WheelNoise) -> Array:
+        """Return the covariance that the noise of the wheels gives to each pose, (N, 3, 3)."""
+        seen = (noise.left_travel * self.left_noise + noise.right_travel * self.right_noise
+                + noise.turn * self.turn_noise)
+        covariances: Array = self.seen_from @ seen @ self.seen_from.transpose(0, 2, 1)
+        return covariances
+
+
+def linearize(
+    drive: DiffDrive, left: npt.ArrayLike, right: npt.ArrayLike, start: npt.ArrayLike = ORIGIN,
+    chosen: Chosen = slice(None),
+) -> Linearization:
+    """
+    Return the linearization of a log of wheel angles [rad], (M,), at the chosen indices.
+
+    Raises ValueError as odometry.integrate does.
+    """
+    poses = integrate(drive, left, right, start)
+    d_left, d_right = np.diff(np.asarray(left)), np.diff(np.asarray(right))
+    separation = drive.wheel_separation
+    distance, turn = drive.body_twist(d_left, d_right)
+    half, heading = 0.5 * turn, poses[:-1, 2] + 0.5 * turn
+    shrink, (dx, dy) = se2.chord_over_arc(half), np.diff(poses[:, :2], axis=0).T
+    cos, sin = np.cos(heading), np.sin(heading)
+    # u_D and u_omega of doc/kinematics.md, section 9, (M - 1, 3).
+    bend = 0.5 * distance * _shrink_rate(half)
+    one, zero = np.ones_like(turn), np.zeros_like(turn)
+    by_turn = np.stack([bend * cos - 0.5 * dy, bend * sin + 0.5 * dx, one], axis=-1)
+    by_distance = np.stack([shrink * cos, shrink * sin, zero], axis=-1)
+    by_turn, by_distance = (_from_origin(by, poses[1:]) for by in (by_turn, by_distance))
+    by_left = 0.5 * by_distance - by_turn / separation
+    by_right = 0.5 * by_distance + by_turn / separation
+    geometry = np.stack([
+        (-turn / separation)[:, np.newaxis] * by_turn,
+        d_left[:, np.newaxis] * by_left, d_right[:, np.newaxis] * by_right], axis=-1)
+    by_steps = np.stack([by_left, by_right, by_turn], axis=-1)
+    variances = np.abs(np.stack([
+        drive.left_wheel_radius * d_left, drive.right_wheel_radius * d_right, turn], axis=-1))
+    left_noise, right_noise, turn_noise = (
+        _spread(variances[:, which], by_steps[:, :, which])[chosen] for which in range(3))
+    seen_from = _seen_from(poses)
+    return Linearization(
+        poses=poses[chosen],
+        by_geometry=seen_from[chosen] @ _running_sum(geometry)[chosen],
+        by_start=seen_from[chosen] @ np.linalg.inv(seen_from[0]),
+        seen_from=seen_from[chosen],
+        left_noise=left_noise, right_noise=right_noise, turn_noise=turn_noise,
+        by_steps=by_steps, variances=variances)
+
+
+def _seen_from(poses: Array) -> Array:
+    """Return T of each pose, (N, 3, 3)."""
+    matrices = np.tile(np.eye(3), (len(poses), 1, 1))
+    matrices[:, 0, 2], matrices[:, 1, 2] = -poses[:, 1], poses[:, 0]
+    return matrices
+
+
+def _from_origin(by: Array, poses: Array) -> Array:
+    """Return T^-1 u for derivatives u, (N, 3)."""
+    return np.stack([
+        by[:, 0] + poses[:, 1] * by[:, 2], by[:, 1] - poses[:, 0] * by[:, 2], by[:, 2]], axis=-1)
+
+
+def _running_sum(values: Array) -> Array:
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+
+
+def _spread(variance: Array, by: Array) -> Array:
+    return _running_sum(
+        variance[:, np.newaxis, np.newaxis] * by[:, :, np.newaxis] * by[:, np.newaxis, :])
+
+
+def _shrink_rate(half: Array) -> Array:
+    """Return the derivative of sin(a) / a, by its series where the rest cancels."""
+    small = np.abs(half) < 0.1
+    square = half * half
+    a = np.where(small, 1.0, half)
+    return np.where(
+        small,
+        -half / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (1.0 - square / 54.0))),
+        (np.cos(a) - np.sin(a) / a) / a)

@@ -1,0 +1,1 @@
+"""What stands on numpy and the standard library alone."""

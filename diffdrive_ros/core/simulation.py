@@ -1,0 +1,143 @@
+"""
+A robot that is not there: motors with lag, wheels that slip, encoders with a resolution.
+
+It shares no code with the odometry that it is used to judge: time is cut much finer than any
+message, and the true pose is the plain sum of those short moves. The motors' answer to a command
+is that of a first-order lag, in closed form.
+"""
+from dataclasses import dataclass
+import math
+
+from diffdrive_ros.core.validation import Array, finite, not_negative, positive
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """
+    What the simulated robot is made of; SI units, rad, wheel_separation in full.
+
+    motor_time_constant [s]: a wheel has done 63 % of a change of speed after it. encoder_ticks:
+    steps of an encoder per turn of its wheel, 0 for none. slip: share of their travel that both
+    wheels lose on the floor, below 1. travel_noise [m/sqrt(m)]: standard deviation of a wheel's
+    travel over the floor after one metre. Raises ValueError naming what is out of its range.
+    """
+
+    wheel_separation: float
+    left_wheel_radius: float
+    right_wheel_radius: float
+    motor_time_constant: float = 0.05
+    encoder_ticks: int = 4096
+    slip: float = 0.0
+    travel_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'):
+            positive(name, getattr(self, name))
+        for name in ('motor_time_constant', 'encoder_ticks', 'slip', 'travel_noise'):
+            not_negative(name, getattr(self, name))
+        if self.slip >= 1.0:
+            raise ValueError(f'slip = {self.slip!r}: must be below 1')
+
+
+class SimulatedRobot:
+    """
+    A robot, or with runs > 1 as many of its kind at once, each with noise of its own.
+
+    Arrays have the shape (2,) or (2, runs), left before right, and poses (3,) or (3, runs). step
+    [s] is how finely time is cut. The same seed gives the same robot.
+    """
+
+    def __init__(
+        self, model: RobotModel, *, seed: int = 0, runs: int = 1, step: float = 1e-3,
+    ) -> None:
+        self.model = model
+        self._step = positive('step', step)
+        self._noise = np.random.default_rng(seed)
+        shape = () if runs == 1 else (runs,)
+        self.pose: Array = np.zeros((3, *shape))
+        """The true pose x, y, theta of the robot in the world."""
+        self.speeds: Array = np.zeros((2, *shape))
+        """The true speeds of the wheels [rad/s]."""
+        self._angles: Array = np.zeros((2, *shape))
+        self._targets: Array = np.zeros((2, *shape))
+        self._lasts = 0.0
+        self._radii = np.array([model.left_wheel_radius, model.right_wheel_radius])
+
+    def command(
+        self, left: npt.ArrayLike, right: npt.ArrayLike, lasts: float = math.inf,
+    ) -> None:
+        """
+        Set the speeds [rad/s] that the motors go for; after lasts [s] they go for zero.
+
+        Raises ValueError for speeds that are not finite, and the motors keep what they had.
+        """
+        left, right = finite('left', left), finite('right', right)
+        self._targets[0], self._targets[1] = left, right
+        self._lasts = lasts
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass; raises ValueError if it is negative or not finite."""
+        seconds = not_negative('seconds', seconds)
+        driven = min(seconds, self._lasts)
+        self._drive(driven)
+        self._lasts -= driven
+        if driven < seconds:
+            self._targets[:] = 0.0
+            self._drive(seconds - driven)
+
+    @property
+    def encoders(self) -> Array:
+        """Return the angles of the wheels [rad] as their encoders tell them."""
+        if not self.model.encoder_ticks:
+            return self._angles.copy()
+        tick = 2.0 * math.pi / self.model.encoder_ticks
+        counts: Array = np.floor(self._angles / tick)
+        return counts * tick
+
+    @property
+    def twist(self) -> Array:
+        """Return the true body twist [v_x, 0, omega], without the noise."""
+        left, right = self._rims() * self.speeds * (1.0 - self.model.slip)
+        zero = np.zeros_like(left)
+        return np.stack([(left + right) / 2.0, zero, (right - left) / self.model.wheel_separation])
+
+    def _drive(self, seconds: float) -> None:
+        if seconds == 0.0:
+            return
+        steps = math.ceil(seconds / self._step)
+        times: Array = np.linspace(0.0, seconds, steps + 1, dtype=np.float64)
+        moved = np.diff(self._angles_over(times), axis=0)
+        rolled = self._rims() * moved
+        travel = (1.0 - self.model.slip) * rolled
+        if self.model.travel_noise:
+            spread = self.model.travel_noise * np.sqrt(np.abs(rolled))
+            travel = travel + spread * self._noise.standard_normal(rolled.shape)
+        left, right = travel[:, 0], travel[:, 1]
+        turns = (right - left) / self.model.wheel_separation
+        headings = self.pose[2] + np.cumsum(turns, axis=0)
+        halfway = headings - turns / 2.0
+        self.pose[0] += np.sum((left + right) / 2.0 * np.cos(halfway), axis=0)
+        self.pose[1] += np.sum((left + right) / 2.0 * np.sin(halfway), axis=0)
+        self.pose[2] = headings[-1]
+        self._angles += np.sum(moved, axis=0)
+        fading = self._fading(np.array(seconds))
+        self.speeds = self._targets + (self.speeds - self._targets) * fading
+
+    def _angles_over(self, times: Array) -> Array:
+        """Return how far the wheels have turned at each time, (N, 2) or (N, 2, runs)."""
+        times = times.reshape(-1, *(1 for _ in self._targets.shape))
+        behind = self.speeds - self._targets
+        lag = self.model.motor_time_constant * (1.0 - self._fading(times))
+        angles: Array = self._targets * times + behind * lag
+        return angles
+
+    def _fading(self, times: Array) -> Array:
+        """Return the share of a difference in speed that is left after some time."""
+        if self.model.motor_time_constant == 0.0:
+            return np.where(times > 0.0, 0.0, 1.0)
+        return np.exp(-times / self.model.motor_time_constant)
+
+    def _rims(self) -> Array:
+        return self._radii.reshape(2, *(1 for _ in self._targets.shape[1:]))

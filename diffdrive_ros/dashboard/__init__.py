@@ -1,0 +1,1 @@
+"""The page to see and drive a robot with, in NiceGUI."""

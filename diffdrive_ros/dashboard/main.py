@@ -1,0 +1,119 @@
+"""
+A page in the browser: see the robot, drive it, touch its kinematics.
+
+Serves it to this machine alone, and to others by --host, for those who know the address that is
+printed. With --simulate, simulator and odometry run too.
+"""
+import argparse
+from collections.abc import Sequence
+from contextlib import nullcontext
+import os
+import secrets
+import signal
+import socket
+import sys
+
+from diffdrive_ros.dashboard.access_control import LOOPBACK
+from diffdrive_ros.node.robot_processes import RobotEndedError, running_robot, used_topics
+from diffdrive_ros.node.runner import START_ERRORS, STOP_SIGNALS
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+
+class DashboardError(Exception):
+    """The dashboard cannot start; the message says why."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the dashboard as a process."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    parser = argparse.ArgumentParser(
+        prog='dashboard', description=(__doc__ or '').split('\n\n')[0], allow_abbrev=False,
+        epilog='ROS arguments come after --ros-args')
+    parser.add_argument(
+        '--host', default='127.0.0.1', help='address to serve at; another than 127.0.0.1 lets '
+        'other machines in, with the token that is printed')
+    parser.add_argument('--port', type=int, default=8080, help='default: 8080')
+    parser.add_argument(
+        '--odometry', default='odometry',
+        help='node that is shown, in the namespace of the dashboard; default: odometry')
+    parser.add_argument(
+        '--simulate', action='store_true', help='start simulator and odometry too')
+    options = parser.parse_args(remove_ros_args(['dashboard', *arguments])[1:])
+    try:
+        import nicegui  # noqa: F401, asked for here so that its absence is said in one line
+    except ImportError:
+        sys.exit('dashboard: nicegui is not installed: pip install nicegui')
+    catch_signals()
+    try:
+        run(options, arguments)
+    except (DashboardError, RobotEndedError) as error:
+        sys.exit(f'dashboard: {error}')
+    except START_ERRORS as error:
+        sys.exit(f'dashboard: cannot start: {" ".join(str(error).split())}')
+    except KeyboardInterrupt:
+        sys.exit(0)
+
+
+def catch_signals() -> None:
+    """Let every signal that stops a robot end the dashboard in one way: the server's own."""
+    def end(number: int, frame: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    for each in STOP_SIGNALS:
+        if each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.default_int_handler)
+        elif signal.getsignal(each) != signal.SIG_IGN:  # as nohup asks
+            signal.signal(each, end)
+
+
+def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
+    """Serve the page until a signal comes; raises DashboardError."""
+    from diffdrive_ros.dashboard.dashboard_node import DashboardNode
+    from diffdrive_ros.dashboard.server import serve
+
+    check_address(options.host, options.port)
+    if options.simulate:
+        # What is started here commands wheels: it must not reach a robot on somebody's network.
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = DashboardNode(options.odometry)
+        check_namespace(node.watched, node.get_namespace())
+        if options.simulate and (topics := used_topics(node)):
+            raise DashboardError(
+                f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
+                'another domain')
+        token = None if options.host in LOOPBACK else secrets.token_urlsafe(24)
+        started = running_robot('publish_limited_velocity:=true') if options.simulate else (
+            nullcontext())
+        with started as robot:
+            serve(node, options.host, options.port, token, robot)
+    finally:
+        rclpy.try_shutdown()
+
+
+def check_namespace(watched: str, namespace: str) -> None:
+    """Raise DashboardError if the odometry that is watched is not that of the cmd_vel here."""
+    home = watched.rpartition('/')[0] or '/'
+    if home != namespace:
+        raise DashboardError(
+            f'{watched} is not in the namespace {namespace}, whose cmd_vel would be driven; use '
+            f'--odometry {watched.rpartition("/")[2]} --ros-args -r __ns:={home}')
+
+
+def check_address(host: str, port: int) -> None:
+    """Raise DashboardError if nothing can be served at an address."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+    except (OSError, OverflowError) as error:
+        raise DashboardError(
+            f'cannot serve at {host} port {port}: {error}; see --host and --port') from None
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,1 @@
+"""A robot that drives a figure, and a verdict."""

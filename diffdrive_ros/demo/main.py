@@ -1,0 +1,217 @@
+"""
+A drive with a simulated robot: commands and odometry over real ROS, judged by the true pose.
+
+Starts simulator and odometry as processes, drives a path by cmd_vel, and compares odom with
+ground_truth. Exits with 0 only if the path was driven and the odometry was right.
+"""
+import argparse
+from collections.abc import Sequence
+from contextlib import suppress
+import importlib.util
+import math
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from diffdrive_ros.core import se2
+from diffdrive_ros.core.validation import Array
+from diffdrive_ros.demo.driver_node import DriverNode
+from diffdrive_ros.node.robot_processes import (
+    RobotEndedError,
+    RobotProcesses,
+    running_robot,
+    used_topics,
+)
+from diffdrive_ros.node.runner import STOP_SIGNALS
+from diffdrive_ros.tools import plots
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+# Legs of (linear [m/s], angular [rad/s], seconds).
+PATHS: dict[str, tuple[tuple[float, float, float], ...]] = {
+    'square': 4 * ((0.4, 0.0, 2.0), (0.0, 1.5, 0.5 * math.pi / 1.5)),
+    'circle': ((0.4, 0.8, 2.0 * math.pi / 0.8),),
+    'eight': ((0.4, 1.0, 2.0 * math.pi), (0.4, -1.0, 2.0 * math.pi)),
+}
+
+WORST_POSITION = 0.15  # [m]
+WORST_HEADING = 0.15  # [rad]
+WORST_COURSE = 0.5  # [m] from the planned end to the true one
+
+LONGEST_START = 20.0  # [s]
+LONGEST_SILENCE = 2.0  # [s]
+PERIOD = 0.05  # [s] between commands
+SETTLING = 0.7  # [s] for the wheels to stop and the last messages to come
+
+
+class DemoError(Exception):
+    """The path was not driven, or the odometry was wrong; the message says what happened."""
+
+
+class Drive:
+    """One drive: the driver, the robot, and where the drive is shown."""
+
+    def __init__(self, driver: DriverNode, robot: RobotProcesses, console: 'Console') -> None:
+        self._driver, self._robot, self._console = driver, robot, console
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(driver)
+
+    def wait_for_the_robot(self) -> None:
+        """Return when the robot can be driven; raises DemoError if that takes too long."""
+        deadline = time.monotonic() + LONGEST_START
+        while not self._driver.is_ready():
+            if time.monotonic() > deadline:
+                raise DemoError(f'no robot and odometry within {LONGEST_START:g} s')
+            self._robot.check()
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def drive(self, path: str) -> None:
+        """Drive the legs of a path and stop; raises DemoError when robot or odometry fail."""
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        legs = PATHS[path]
+        with Progress(
+            TextColumn(path), BarColumn(bar_width=14), TextColumn('{task.percentage:3.0f} %'),
+            TextColumn('{task.fields[state]}'), console=self._console,
+        ) as progress:
+            task = progress.add_task(path, total=sum(leg[2] for leg in legs), state='')
+            start = end = time.monotonic()
+            for linear, angular, seconds in legs:
+                end += seconds
+                while (left := end - time.monotonic()) > 0.0:
+                    self._driver.command(linear, angular)
+                    self._listen(min(PERIOD, left))
+                    progress.update(
+                        task, completed=time.monotonic() - start, state=self._state())
+            self._driver.command(0.0, 0.0)
+            self._listen(SETTLING)
+            progress.update(task, state=self._state())
+
+    def stay(self) -> None:
+        """Leave robot and odometry to others; returns when interrupted."""
+        with suppress(KeyboardInterrupt):
+            while True:
+                self._listen(1.0)
+                self._driver.forget()
+
+    def _listen(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+        self._robot.check()
+        if topic := self._driver.silent_topic(LONGEST_SILENCE):
+            raise DemoError(f'nothing on {topic} for {LONGEST_SILENCE:g} s')
+
+    def _state(self) -> str:
+        x, y, theta = self._driver.pose
+        left, right = self._driver.wheel_speeds
+        return (f'x {x:5.2f} y {y:5.2f} m {math.degrees(theta):6.1f}°  '
+                f'wheels {left:5.1f} {right:5.1f} rad/s')
+
+
+def planned_end(path: str) -> Array:
+    """Return where a path ends for a robot that does just what it is told, (3,)."""
+    pose: Array = np.zeros(3)
+    for linear, angular, seconds in PATHS[path]:
+        pose = se2.compose(pose, se2.exp([linear * seconds, 0.0, angular * seconds]))
+    return pose
+
+
+def judge(path: str, odometry: Array, truth: Array) -> dict[str, tuple[float, float, str]]:
+    """Return what was measured of a drive: by its name the value, the bound and the unit."""
+    apart = np.hypot(*(odometry[:, :2] - truth[:, :2]).T)
+    turned = np.abs(odometry[:, 2] - truth[:, 2])
+    course = np.hypot(*(truth[-1, :2] - planned_end(path)[:2]))
+    return {
+        'position error at the end': (float(apart[-1]), WORST_POSITION, 'm'),
+        'position error at worst': (float(apart.max()), WORST_POSITION, 'm'),
+        'heading error at worst': (float(turned.max()), WORST_HEADING, 'rad'),
+        'true end from the planned one': (float(course), WORST_COURSE, 'm'),
+    }
+
+
+def report(console: 'Console', driver: DriverNode, path: str, picture: Path) -> None:
+    """Show the figures of a drive and draw it; raises DemoError if one is out of bounds."""
+    from rich.table import Table
+
+    seconds, odometry, truth = driver.tracks()
+    figures = judge(path, odometry, truth)
+    length = float(np.sum(np.hypot(*np.diff(truth[:, :2], axis=0).T)))
+    table = Table(title=f'{path}, {length:.2f} m driven')
+    for heading in ('', 'measured', 'at most'):
+        table.add_column(heading, justify='right' if heading else 'left')
+    for name, (value, bound, unit) in figures.items():
+        table.add_row(name, f'{value:.3f} {unit}', f'{bound:.3f} {unit}')
+    console.print(table)
+    plots.draw_tracks(picture, f'Demo: {path}, {length:.2f} m', seconds, odometry, truth)
+    console.print(f'Picture: {picture}', soft_wrap=True)
+    for name, (value, bound, unit) in figures.items():
+        if not value <= bound:
+            raise DemoError(f'{name} = {value:.3f} {unit}: must be at most {bound} {unit}')
+
+
+def run(path: str, picture: Path, keep_running: bool) -> None:
+    """Start the robot, drive it, judge the drive; raises DemoError."""
+    from rich.console import Console
+
+    console = Console()
+    # The demo commands wheels: it must not reach a robot on somebody's network.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    driver = DriverNode()
+    try:
+        if topics := used_topics(driver):
+            raise DemoError(
+                f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
+                'another domain')
+        with running_robot() as robot:
+            drive = Drive(driver, robot, console)
+            drive.wait_for_the_robot()
+            drive.drive(path)
+            report(console, driver, path, picture)
+            console.print('Drive it yourself in the browser: make dashboard')
+            if keep_running:
+                console.print(
+                    'The robot stays: drive it by cmd_vel, watch odom; Ctrl-C ends it.')
+                drive.stay()
+    finally:
+        rclpy.try_shutdown()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the demo as a process."""
+    parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n\n')[0])
+    parser.add_argument(
+        '--path', choices=sorted(PATHS), default='square', help='default: square')
+    parser.add_argument(
+        '--output', type=Path, default=Path('demo.png'),
+        help='picture of the tracks, default: demo.png')
+    parser.add_argument(
+        '--keep-running', action='store_true', help='leave robot and odometry up afterwards')
+    options = parser.parse_args(arguments)
+    for extra in ('rich', 'matplotlib'):
+        if importlib.util.find_spec(extra) is None:
+            sys.exit(f'demo: {extra} is not installed: pip install {extra}, or apt install '
+                     f'python3-{extra}')
+    if not options.output.resolve().parent.is_dir():
+        parser.error(f'--output {options.output}: its folder does not exist')
+    for each in STOP_SIGNALS:
+        signal.signal(each, signal.default_int_handler)
+    try:
+        run(options.path, options.output, options.keep_running)
+    except (DemoError, RobotEndedError) as failure:
+        sys.exit(f'demo: {failure}')
+    except KeyboardInterrupt:
+        sys.exit('demo: interrupted')
+
+
+if __name__ == '__main__':
+    main()

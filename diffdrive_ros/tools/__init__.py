@@ -1,0 +1,1 @@
+"""The executables for logs, without ROS."""

@@ -1,0 +1,64 @@
+"""The linearization of whole drives is what Odometry propagates sample by sample."""
+from diffdrive_ros.calibration.linearization import linearize
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, Odometry, WheelNoise
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+from support.strategies import drives, metres, poses
+
+NOISE = WheelNoise(3e-5, 7e-5, 2e-4)
+ROBOT = DiffDrive(0.317, 0.0471, 0.0533)
+few_steps = st.lists(
+    st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=5)
+
+
+def angles_of(steps):
+    """Return the angles of the wheels, left and right, (2, N)."""
+    return np.cumsum([(0.0, 0.0), *steps], axis=0).T
+
+
+def driven(odometry, left, right):
+    """Return an odometry that has heard the angles of the wheels."""
+    for stamp, (one, other) in enumerate(zip(left.tolist(), right.tolist(), strict=True)):
+        odometry.update(one, other, stamp)
+    return odometry
+
+
+@given(drives, few_steps, st.tuples(metres, metres, st.floats(-3.0, 3.0)))
+def test_pose_sensitivity_and_covariance_are_those_of_odometry(drive, steps, start):
+    left, right = angles_of(steps)
+    odometry = driven(Odometry(drive, noise=NOISE, start=start), left, right)
+    uncertain = driven(Odometry(
+        drive, geometry_uncertainty=GeometryUncertainty(1e-3), start=start), left, right)
+    silent = driven(Odometry(drive, noise=WheelNoise(0.0, 0.0, 0.0), start=start), left, right)
+    linear = linearize(drive, left, right, start)
+    size = 1.0 + np.abs(linear.poses).max()
+    assert linear.poses[-1] == pytest.approx(odometry.pose, abs=1e-12 * size)
+    sensitivity = uncertain.geometry_sensitivity
+    assert linear.by_geometry[-1] == pytest.approx(
+        sensitivity, abs=1e-11 * size * (1.0 + np.abs(sensitivity).max()))
+    # Both have the least covariance that a pose is given at the start.
+    assert linear.covariances(NOISE)[-1] == pytest.approx(
+        odometry.pose_covariance - silent.pose_covariance,
+        rel=1e-9, abs=1e-11 * size**2 * (1.0 + np.abs(odometry.pose_covariance).max()))
+
+
+@given(few_steps, poses)
+def test_the_derivative_by_the_start_is_that_of_the_integral(steps, start):
+    left, right = angles_of(steps)
+    start = np.array(start)
+    columns = [
+        (integrate(ROBOT, left, right, start + step) - integrate(ROBOT, left, right, start - step))
+        / 2e-6 for step in 1e-6 * np.eye(3)]
+    assert linearize(ROBOT, left, right, start).by_start == pytest.approx(
+        np.stack(columns, axis=-1), abs=1e-6)
+
+
+def test_chosen_samples_are_those_of_the_whole():
+    left, right = angles_of([(0.3, 0.5), (2.0, -1.0), (0.0, 0.7), (1.5, 1.5)])
+    whole, chosen = (linearize(ROBOT, left, right, chosen=which) for which in (
+        slice(None), [0, 2, 4]))
+    assert np.array_equal(chosen.poses, whole.poses[[0, 2, 4]])
+    assert np.array_equal(chosen.by_geometry, whole.by_geometry[[0, 2, 4]])
+    assert np.array_equal(chosen.covariances(NOISE), whole.covariances(NOISE)[[0, 2, 4]])

@@ -1,0 +1,110 @@
+"""
+Are the error bars of a calibration true? Tables of z-scores, as consistency.py's of covariances.
+
+Robots with radii, a separation and noise of their own drive along different shapes; the truth is
+cut ten times finer than what the logs hold, by code that shares nothing with the package. Each
+drive is seen by a capture with noise, a frame, a clock and a marker of its own. If the error bars
+are true, the errors of the geometry over its deviations have a standard deviation of 1.
+"""
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+import functools
+import math
+import os
+
+from diffdrive_ros.calibration.fit import calibrate, Drive
+from diffdrive_ros.core import se2
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import WheelNoise
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+CALIBRATIONS = 500
+LOW, HIGH = 0.9, 1.1
+NOMINAL = DiffDrive(0.30, 0.05, 0.05)
+NOISE = WheelNoise(6e-6, 6e-6, 4e-5)
+
+STEP = 0.005  # [s], of the truth
+STEPS_A_SAMPLE = 10
+
+# Linear [m/s] and angular [rad/s] speed, and for how long [s].
+SHAPES = {
+    'square': 4 * [(0.4, 0.0, 4.0), (0.0, 1.0, 0.5 * math.pi)],
+    'square back': 4 * [(0.4, 0.0, 4.0), (0.0, -1.0, 0.5 * math.pi)],
+    'circle': [(0.4, 0.5, 20.0)],
+    'circle back': [(0.4, -0.5, 20.0)],
+    'eight': [(0.4, 0.8, 7.9), (0.4, -0.8, 7.9)],
+    'there and back': [(0.4, 0.05, 8.0), (0.0, 1.2, 2.6), (0.4, -0.05, 8.0)],
+}
+
+
+def simulated_drive(
+    name: str, drive: DiffDrive, noise: WheelNoise, marker: Array, random: np.random.Generator,
+    position_std: float = 1e-3, heading_std: float = 4e-3,
+) -> Drive:
+    """Return the log of a drive along a shape; the capture has a frame and clock of its own."""
+    rim_left = np.concatenate([
+        np.full(round(seconds / STEP), linear - 0.5 * drive.wheel_separation * angular)
+        for linear, angular, seconds in SHAPES[name]]) * STEP
+    rim_right = np.concatenate([
+        np.full(round(seconds / STEP), linear + 0.5 * drive.wheel_separation * angular)
+        for linear, angular, seconds in SHAPES[name]]) * STEP
+    count = len(rim_left)
+    turn = (rim_right - rim_left) / drive.wheel_separation
+    left = rim_left + np.sqrt(noise.left_travel * np.abs(rim_left)) * random.normal(size=count)
+    right = rim_right + np.sqrt(noise.right_travel * np.abs(rim_right)) * random.normal(size=count)
+    turn = (right - left) / drive.wheel_separation + (
+        np.sqrt(noise.turn * np.abs(turn)) * random.normal(size=count))
+    x, y, theta = np.array([*random.uniform(-2.0, 2.0, 2), random.uniform(-3.0, 3.0)])
+    headings = theta + np.concatenate([[0.0], np.cumsum(turn)])
+    middle, way = headings[:-1] + 0.5 * turn, 0.5 * (left + right)
+    poses = np.stack([
+        x + np.concatenate([[0.0], np.cumsum(way * np.cos(middle))]),
+        y + np.concatenate([[0.0], np.cumsum(way * np.sin(middle))]), headings], axis=-1)
+    seconds = STEP * np.arange(count + 1)
+    seen = se2.compose(poses, marker)[::STEPS_A_SAMPLE]
+    seen = seen + random.normal(size=seen.shape) * [position_std, position_std, heading_std]
+    return Drive(
+        name, seconds[::STEPS_A_SAMPLE],
+        np.concatenate([[0.0], np.cumsum(rim_left)])[::STEPS_A_SAMPLE] / drive.left_wheel_radius,
+        np.concatenate([[0.0], np.cumsum(rim_right)])[::STEPS_A_SAMPLE] / drive.right_wheel_radius,
+        seconds[::STEPS_A_SAMPLE] + random.normal() * 0.02, seen)
+
+
+def z_scores(seed: int) -> Array:
+    """Return the errors of one calibration's geometry over its deviations, (3,)."""
+    random = np.random.default_rng(seed)
+    truth = DiffDrive(*(
+        np.array([0.30, 0.05, 0.05]) * (1.0 + random.normal(size=3) * [0.01, 0.003, 0.003])))
+    marker = random.normal(size=3) * [0.02, 0.02, 0.1]
+    found = calibrate(
+        [simulated_drive(name, truth, NOISE, marker, random) for name in SHAPES], NOMINAL,
+        keep_all=True)
+    errors = [
+        found.drive.wheel_separation - truth.wheel_separation,
+        found.drive.left_wheel_radius - truth.left_wheel_radius,
+        found.drive.right_wheel_radius - truth.right_wheel_radius]
+    return np.array(errors) / found.deviations
+
+
+def scores(count: int, seed: int) -> Iterator[Array]:
+    """Yield the scores of so many calibrations, on all cores."""
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        yield from pool.map(functools.partial(z_scores), range(seed, seed + count), chunksize=5)
+
+
+def judge(count: int, seed: int) -> bool:
+    """Print the table; return whether the error bars are true."""
+    table = np.array(list(scores(count, seed)))
+    print(f'z-scores of {count} calibrations by {len(SHAPES)} drives each, to be within '
+          f'{LOW} and {HIGH} in standard deviation.')
+    true = True
+    for name, column in zip(('separation', 'left radius', 'right radius'), table.T, strict=True):
+        spread = float(column.std())
+        good = LOW < spread < HIGH
+        true = true and good
+        print(f'{name:13}mean {column.mean():6.3f}   standard deviation {spread:.3f}'
+              + ('' if good else '   FAILED'))
+    return true

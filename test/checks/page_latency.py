@@ -1,0 +1,94 @@
+"""
+From a key press in the browser to the wheel command, on this machine.
+
+Starts simulator, odometry, dashboard and a browser in the ROS domain that is set, presses W at
+random phases, and takes the time until the first wheel command that is not zero is heard: from
+the event in the browser, and from before the browser is told to press. make latency runs it.
+"""
+import argparse
+import os
+import random
+import statistics
+import time
+
+from playwright.sync_api import sync_playwright
+from sensor_msgs.msg import JointState
+from support.browser import CHROMIUM, Dashboard, Hands
+from support.station import Station, wait_until
+
+WORST = 0.060  # [s] at the 95th percentile
+
+
+def main() -> None:
+    """Measure, and print figures; ends with 1 if they are above their bound."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().split('\n')[0])
+    parser.add_argument('--presses', type=int, default=200)
+    options = parser.parse_args()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    dashboard = Dashboard('--simulate')
+    try:
+        dashboard.wait_until_it_serves()
+        station = Station(int(os.environ.get('ROS_DOMAIN_ID', '0')), '_ros2cli_latency')
+        try:
+            with sync_playwright() as playwright:
+                browser = playwright.chromium.launch(
+                    executable_path=CHROMIUM, args=['--no-sandbox'])
+                page = browser.new_page()
+                page.goto(dashboard.url)
+                measured = presses(Hands(page), station, options.presses)
+                rate = frames(page)
+                browser.close()
+        finally:
+            station.close()
+    finally:
+        dashboard.close()
+    for name, values in zip(
+            ('the event in the page', 'the call of the browser'), zip(*measured, strict=True),
+            strict=True):
+        p95 = sorted(values)[int(0.95 * (len(values) - 1))]
+        print(f'from {name}: {len(values)} presses, median {statistics.median(values) * 1e3:.1f} '
+              f'ms, p95 {p95 * 1e3:.1f} ms, worst {max(values) * 1e3:.1f} ms')
+    print(f'{rate:.1f} pictures a second')
+    raise SystemExit(p95 >= WORST)
+
+
+def presses(hands: Hands, station: Station, count: int) -> list[tuple[float, float]]:
+    """Return the times from presses of W, by both clocks, to their wheel commands [s]."""
+    heard = station.hear(JointState, 'wheel_commands')
+    hands.wait_for('Nobody drives')
+    # performance.now() counts from timeOrigin; both are moved to the clock of this process.
+    hands.page.evaluate("""window.addEventListener('keydown', (event) => {
+        if (!event.repeat) window.pressedAt = performance.timeOrigin + event.timeStamp;
+    }, true)""")
+    chance, measured = random.Random(1), []
+    while len(measured) < count:
+        hands.page.wait_for_timeout(chance.uniform(100.0, 200.0))
+        wait_until(lambda: not heard or not any(heard[-1][1].velocity))
+        seen = len(heard)
+        offset, called = time.time() - time.monotonic(), time.monotonic()
+        hands.page.keyboard.down('w')
+        deadline = time.monotonic() + 1.0
+        while time.monotonic() < deadline and not any(
+                any(message.velocity) for _, message in heard[seen:]):
+            time.sleep(0.001)
+        pressed = hands.page.evaluate('window.pressedAt') / 1e3 - offset
+        hands.page.keyboard.up('w')
+        moved = [at for at, message in heard[seen:] if any(message.velocity)]
+        if not moved:
+            print(f'a press was not driven: {hands.status}')
+            measured.append((1.0, 1.0))
+            continue
+        measured.append((moved[0] - pressed, moved[0] - called))
+    return measured
+
+
+def frames(page: object) -> float:
+    """Return how many pictures a second are drawn."""
+    drawn = 'Number(document.querySelector("canvas").dataset.drawn)'
+    before, start = page.evaluate(drawn), time.monotonic()
+    page.wait_for_timeout(5000)
+    return (page.evaluate(drawn) - before) / (time.monotonic() - start)
+
+
+if __name__ == '__main__':
+    main()

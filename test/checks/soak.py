@@ -1,0 +1,351 @@
+"""
+Drive the node for a quarter of an hour at 200 Hz over DDS, with a fault each second. A script.
+
+The node is a process, told by qos_overrides to be reliable and deep, so that DDS loses nothing.
+Every answer that is due has to come, in order, with the pose of the undamaged drive less the
+documented losses; the counters in /diagnostics have to be right; the wheels have to be within
+their limit, and stand still when commands are silent, are none, or are held by ~/enable; and once
+it has settled the process may not grow. Prints a line a minute; returns 1 if anything was wrong.
+"""
+import argparse
+from collections import Counter, deque
+from collections.abc import Callable
+import math
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diffdrive_ros.core.kinematics import DiffDrive
+from nav_msgs.msg import Odometry
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+from support.damaged_drive import DamagedDrive, Expected, PARAMETERS
+from support.station import (
+    DEEP,
+    GEOMETRY,
+    LEFT_RADIUS,
+    RIGHT_RADIUS,
+    SEPARATION,
+    stamp_ns,
+    Station,
+    twist,
+    wait_until,
+)
+
+RATE = 200.0  # [Hz]
+COMMAND_PERIOD = 0.05  # [s]
+TIMEOUT = 0.5  # [s]
+FASTEST_WHEEL = 12.0  # [rad/s]
+STOPPING = 0.35  # [s] that a stop takes at most: the deceleration, a period, a busy machine
+SETTLED = 5.0  # [min] after which the process may not grow
+GROWTH = 1.0  # [MB] that it may
+CLOSE = 1e-6  # [m, rad] after kilometres of curves
+
+DEEP_AND_RELIABLE = {
+    f'qos_overrides./{end}.{name}': value
+    for end in ('joint_states.subscription', 'odom.publisher')
+    for name, value in (('reliability', 'reliable'), ('history', 'keep_last'), ('depth', 2000))}
+
+PARAMETERS_OF_NODE = {
+    **GEOMETRY, **PARAMETERS, **DEEP_AND_RELIABLE, 'cmd_vel_timeout': TIMEOUT,
+    'max_wheel_speed': FASTEST_WHEEL, 'linear.x.max_acceleration': 5.0,
+    'angular.z.max_acceleration': 20.0}
+
+
+class Soak:
+    """A node, what is said to it, and what it answers."""
+
+    def __init__(self, station: Station, pid: int, seed: int) -> None:
+        self.station, self.pid = station, pid
+        self.random = random.Random(seed)
+        self.wrong: list[str] = []
+        self.faults: Counter[str] = Counter()
+        self.answers = self.messages = 0
+        self.furthest = 0.0  # of a pose from what it should be
+        self._heard: deque[tuple[int, float, float, float]] = deque()
+        self._speeds: tuple[float, ...] = ()
+        self._figures: dict[str, dict[str, str]] = {}
+        self._diagnosed = 0
+        self._commands = self._not_finite = self._timeouts = self._late = 0
+        self._command_at, self._commanded_at = 0.0, math.inf
+        self._stands_from, self._stands_until = math.inf, -math.inf
+        self._multiplier = 1.0
+        self.drive = DamagedDrive(self._say, round(1e9 / RATE), seed)
+        self._expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
+        self._judged = 0
+        self.faults_of_commands: dict[str, Callable[[], None]] = {
+            'cmd_vel_is_none': self._command_none, 'cmd_vel_is_silent': self._be_silent,
+            'reset_odometry': self._reset, 'disable': self._disable,
+            'set_parameter': self._set_parameter, 'set_wrong_parameter': self._set_wrong}
+        node = station.node
+        node.create_subscription(Odometry, 'odom', self._on_odom, DEEP)
+        node.create_subscription(JointState, 'wheel_commands', self._on_wheels, DEEP)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
+        wait_until(lambda: node.count_publishers('odom') and node.count_publishers(
+            '/diagnostics') and node.count_publishers('wheel_commands'))
+        self._services = [
+            node.create_client(kind, f'odometry/{name}') for kind, name in (
+                (Trigger, 'reset_odometry'), (SetBool, 'enable'),
+                (SetParameters, 'set_parameters'))]
+        for service in self._services:
+            assert service.wait_for_service(timeout_sec=20.0)
+        wait_until(lambda: node.count_subscribers('joint_states'))
+        time.sleep(1.0)  # both ends have to know of each other
+
+    def complain(self, what: str) -> None:
+        """Note what is wrong."""
+        self.wrong.append(what)
+        if len(self.wrong) < 20:
+            print('WRONG:', what, flush=True)
+
+    def run(self, minutes: float) -> None:
+        """Drive; every second another fault."""
+        started = time.monotonic()
+        self.drive.begin()
+        next_at, fault_at, minute = started, started + 1.0, 1
+        sizes = []
+        while (now := time.monotonic()) < started + 60.0 * minutes:
+            self._command(now)
+            if now >= fault_at:
+                fault_at += 1.0
+                name = self.random.choice((*self.drive.FAULTS, *self.faults_of_commands))
+                self.faults[name] += 1
+                self.faults_of_commands.get(name, getattr(self.drive, name, None))()
+                sizes.append(((now - started) / 60.0, resident(self.pid)))
+                self.judge()
+            else:
+                self.drive.an_ordinary_sample()
+            if now > started + 60.0 * minute:
+                self.check_counters()
+                grown = growth(sizes, minutes)
+                print(f'{minute:3} min  {self.messages:7,} messages  {self.answers:7,} answers  '
+                      f'furthest off {self.furthest:.1e}  RSS {sizes[-1][1]:.2f} MB'
+                      + ('' if grown is None else f' (+{grown:.2f})'), flush=True)
+                minute += 1
+            next_at = max(next_at + 1.0 / RATE, now - 0.1)
+            time.sleep(max(0.0, next_at - time.monotonic()))
+        self.check_counters()
+        self.seconds, self.grown = time.monotonic() - started, growth(sizes, minutes)
+        self.sizes = sizes
+        if self.grown is not None and self.grown > GROWTH:
+            self.complain(f'the process grew by {self.grown:.2f} MB')
+
+    def judge(self) -> None:
+        """Wait for every answer that is due, and compare it."""
+        expected, self.drive.expected = self.drive.expected, []
+        if not expected:
+            return
+        try:
+            wait_until(lambda: len(self._heard) >= len(expected), timeout=5.0)
+        except AssertionError:
+            self.complain(f'{len(expected) - len(self._heard)} answers of {len(expected)} did '
+                          f'not come, after {self.answers}')
+        heard = [self._heard.popleft() for _ in range(min(len(expected), len(self._heard)))]
+        self.answers += len(heard)
+        poses = self._expected.of(expected)
+        for (stamp, x, y, theta), (due, *_), pose in zip(heard, expected, poses, strict=False):
+            if stamp != due:
+                self.complain(f'an answer to {stamp} where one to {due} was due')
+                return
+            off = max(abs(x - pose[0]), abs(y - pose[1]),
+                      abs(math.remainder(theta - pose[2], math.tau)))
+            self.furthest = max(self.furthest, off)
+            if not off < CLOSE:
+                self.complain(f'pose at {due}: {x}, {y}, {theta}, and not {pose}')
+                return
+
+    def check_counters(self) -> None:
+        """Wait for diagnostics of all that was said until now, and compare the counters."""
+        self._be_silent()  # for nothing is said while it waits
+        self.judge()
+        seen = self._diagnosed
+        wait_until(lambda: self._diagnosed >= seen + 2, timeout=5.0)
+        if self._heard:
+            self.complain(f'{len(self._heard)} answers that were not due')
+        figures = self._figures['feedback']
+        told = {name: int(value) for name, value in figures.items() if '[' not in name}
+        if told != dict(self.drive.counts):
+            self.complain(f'counters of the wheels: {told}, and not {dict(self.drive.counts)}')
+        told = {name: int(value) for name, value in self._figures['commands'].items()
+                if '[' not in name}
+        for name, least, most in (
+                ('commands', round(0.95 * self._commands), self._commands),
+                ('not finite', self._not_finite, self._not_finite),
+                ('timeouts', self._timeouts, self._timeouts + self._late)):
+            if not least <= told.get(name, 0) <= most:
+                self.complain(f'counter of commands, {name}: {told}, and not {least} to {most}')
+
+    def _command(self, now: float) -> None:
+        """Command a curve when one is due."""
+        if now < self._command_at:
+            return
+        if now - self._commanded_at > 0.8 * TIMEOUT:
+            self._late += 1  # this process was held up: the node may have seen a timeout
+        self._command_at, self._commanded_at = now + COMMAND_PERIOD, now
+        self._commands += 1
+        self.station.say('cmd_vel', twist(self.random.uniform(0.2, 2.0),
+                                          self.random.uniform(-4.0, 4.0)))
+
+    def _command_none(self) -> None:
+        """Let the wheels stand, by a command that is none."""
+        self._drive_on_for(0.1)  # a command that waits to be read is replaced by a newer one
+        self._commands += 1
+        self._not_finite += 1
+        self.station.say('cmd_vel', twist(math.nan, 0.1))
+        self._drive_on_for(STOPPING)
+        self._demand_stop('a command that is not finite')
+        self._commanded_at = math.inf
+
+    def _be_silent(self) -> None:
+        """Let the commands time out."""
+        self._command_at = 0.0
+        self._command(time.monotonic())
+        self._timeouts += 1
+        self._drive_on_for(TIMEOUT + STOPPING)
+        self._demand_stop('silence')
+        self._commanded_at = math.inf
+
+    def _disable(self) -> None:
+        """Hold the wheels, and let them go again."""
+        self._call(1, SetBool.Request(data=False))
+        self._drive_on_for(STOPPING)
+        self._command(time.monotonic())
+        self._drive_on_for(0.06)
+        self._demand_stop('~/enable with false')
+        self._call(1, SetBool.Request(data=True))
+        self._commanded_at = math.inf
+
+    def _reset(self) -> None:
+        """Let the pose be zero."""
+        self.judge()
+        self._call(0, Trigger.Request())
+        self._expected.reset()
+
+    def _set_parameter(self) -> None:
+        """Calibrate while it drives."""
+        self.judge()
+        self._multiplier = self.random.uniform(0.8, 1.2)
+        self._set('wheel_separation_multiplier', self._multiplier, is_right=True)
+        self._expected.drive = DiffDrive(
+            SEPARATION * self._multiplier, LEFT_RADIUS, RIGHT_RADIUS)
+
+    def _set_wrong(self) -> None:
+        """Be refused, and nothing changes."""
+        self._set('wheel_separation_multiplier', self.random.choice((0.0, -1.0, math.nan)),
+                  is_right=False)
+
+    def _set(self, name: str, value: float, is_right: bool) -> None:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        [result] = self._call(2, request).results
+        if result.successful != is_right:
+            self.complain(f'{name} = {value}: {result}')
+
+    def _call(self, service: int, request: object) -> object:
+        future = self._services[service].call_async(request)
+        wait_until(future.done)
+        return future.result()
+
+    def _drive_on_for(self, seconds: float) -> None:
+        """Send wheel messages, and no commands."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.drive.an_ordinary_sample()
+            time.sleep(1.0 / RATE)
+
+    def _demand_stop(self, after: str) -> None:
+        if any(self._speeds):
+            self.complain(f'the wheels turn at {self._speeds} rad/s after {after}')
+
+    def _say(self, names: object, positions: object, velocities: object, stamp: int) -> None:
+        message = JointState(name=list(names), position=positions, velocity=velocities)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        self.station.say('joint_states', message)
+        self.messages += 1
+
+    def _on_odom(self, message: Odometry) -> None:
+        pose = message.pose.pose
+        self._heard.append((
+            stamp_ns(message), pose.position.x, pose.position.y,
+            2.0 * math.atan2(pose.orientation.z, pose.orientation.w)))
+        if not (np.isfinite(message.pose.covariance).all()
+                and np.isfinite(message.twist.covariance).all()):
+            self.complain(f'covariance: {message}')
+
+    def _on_wheels(self, message: JointState) -> None:
+        self._speeds = tuple(message.velocity)
+        if not max(map(abs, self._speeds)) <= FASTEST_WHEEL:
+            self.complain(f'the wheels are to turn at {self._speeds} rad/s')
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self._figures = {
+            status.name.partition(': ')[2]: {item.key: item.value for item in status.values}
+            for status in message.status}
+        self._diagnosed += 1
+
+
+def resident(pid: int) -> float:
+    """Return how much memory a process occupies [MB]."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def growth(sizes: list[tuple[float, float]], minutes: float) -> float | None:
+    """Return by how much a process grew [MB] since it settled, None before."""
+    settled = SETTLED if minutes > SETTLED else 0.5 * minutes
+    after = [size for minute, size in sizes if minute >= settled]
+    return max(after) - after[0] if after else None
+
+
+def main() -> int:
+    """Soak; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().split('\n', 1)[0])
+    parser.add_argument('--minutes', type=float, default=15.0, help='how long; default 15')
+    parser.add_argument('--seed', type=int, default=1, help='another seed, other faults')
+    given = parser.parse_args()
+    # Away from those that the tests use up; the ports of these, too, are free of ephemeral ones.
+    domain = 215 + os.getpid() % 17
+    os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                   'ROS_PYTHON_CHECK_FIELDS': '1'}
+    settings = [word for name, value in PARAMETERS_OF_NODE.items()
+                for word in ('-p', f'{name}:={value}')]
+    # A file: what it logs in a quarter of an hour does not fit into a pipe that nobody reads.
+    with tempfile.TemporaryFile('w+') as log:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'diffdrive_ros.node.odometry_node', '--ros-args', *settings],
+            stdout=log, stderr=subprocess.STDOUT)
+        station = Station(domain)
+        try:
+            soak = Soak(station, process.pid, given.seed)
+            soak.run(given.minutes)
+            process.send_signal(signal.SIGINT)
+            if process.wait(10) != 0:
+                soak.complain(f'exit code {process.returncode}')
+            log.seek(0)
+            text = log.read()
+            if 'Traceback' in text:
+                soak.complain(text[text.index('Traceback'):][:2000])
+        finally:
+            station.close()
+            process.kill()
+            process.wait()
+    print(f'seed {given.seed}: {soak.seconds / 60.0:.1f} min, {soak.messages:,} messages '
+          f'({soak.messages / soak.seconds:.0f}/s), {soak.answers:,} answers, '
+          f'{sum(soak.faults.values())} faults of {len(soak.faults)} kinds; furthest off '
+          f'{soak.furthest:.1e}; RSS from {soak.sizes[0][1]:.2f} to {soak.sizes[-1][1]:.2f} MB, '
+          f'+{soak.grown:.2f} since it settled; counters: {dict(soak.drive.counts)}')
+    print(f'{len(soak.wrong)} things were wrong' if soak.wrong else 'nothing was wrong')
+    return 1 if soak.wrong else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""The simulated robot obeys physics that can be worked out by hand."""
+from dataclasses import replace
+import math
+import re
+
+from diffdrive_ros.core.simulation import RobotModel, SimulatedRobot
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+IDEAL = RobotModel(0.317, 0.0471, 0.0533, motor_time_constant=0.0, encoder_ticks=0)
+
+
+def test_equal_rim_speeds_drive_straight_ahead() -> None:
+    """The wheel with the smaller radius has to turn faster for it."""
+    robot = SimulatedRobot(IDEAL)
+    robot.command(0.5 / 0.0471, 0.5 / 0.0533)
+    robot.advance(3.0)
+    np.testing.assert_allclose(robot.pose, [1.5, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_standing_left_wheel_is_the_centre_of_the_circle() -> None:
+    """Half a turn around it ends on its other side, a separation away to the left."""
+    robot = SimulatedRobot(IDEAL)
+    right = math.pi * 0.317 / 0.0533
+    robot.command(0.0, right / 2.0)
+    robot.advance(2.0)
+    np.testing.assert_allclose(robot.pose, [0.0, 0.317, math.pi], atol=1e-6)
+
+
+@given(left=st.floats(-20.0, 20.0), right=st.floats(-20.0, 20.0))
+def test_a_constant_command_drives_a_circle_around_its_centre(left: float, right: float) -> None:
+    """The distance from the centre of curvature stays what it was at the start."""
+    robot = SimulatedRobot(IDEAL)
+    robot.command(left, right)
+    robot.advance(0.7)
+    rims = left * 0.0471, right * 0.0533
+    turn = (rims[1] - rims[0]) / 0.317 * 0.7
+    assert robot.pose[2] == pytest.approx(turn, abs=1e-9)
+    if abs(turn) > 1e-3:
+        radius = 0.5 * sum(rims) * 0.7 / turn
+        assert math.hypot(robot.pose[0], robot.pose[1] - radius) == pytest.approx(
+            abs(radius), rel=1e-5)
+
+
+def test_a_wheel_has_done_63_percent_of_a_change_of_speed_after_its_time_constant() -> None:
+    """And its angle lags the ideal one by the time constant in the end."""
+    robot = SimulatedRobot(replace(IDEAL, motor_time_constant=0.13))
+    robot.command(7.0, -3.0)
+    robot.advance(0.13)
+    np.testing.assert_allclose(robot.speeds, (1.0 - math.exp(-1.0)) * np.array([7.0, -3.0]))
+    robot.advance(10.0)
+    np.testing.assert_allclose(robot.encoders, [7.0 * 10.0, -3.0 * 10.0], atol=1e-9)
+
+
+@given(cuts=st.lists(st.floats(0.001, 0.5), min_size=1, max_size=5))
+def test_time_may_pass_in_any_pieces(cuts: list[float]) -> None:
+    """The robot does not know when it is looked at."""
+    model = replace(IDEAL, motor_time_constant=0.07)
+    whole, pieces = SimulatedRobot(model), SimulatedRobot(model)
+    for robot in (whole, pieces):
+        robot.command(9.0, 4.0, lasts=0.9)
+    whole.advance(sum(cuts))
+    for cut in cuts:
+        pieces.advance(cut)
+    np.testing.assert_allclose(pieces.encoders, whole.encoders, atol=1e-9)
+    np.testing.assert_allclose(pieces.pose, whole.pose, atol=1e-5)
+
+
+def test_a_command_that_is_not_renewed_ends() -> None:
+    """The motors' own watchdog: from then on the wheels come to rest."""
+    robot = SimulatedRobot(IDEAL)
+    robot.command(5.0, 6.0, lasts=0.4)
+    robot.advance(2.0)
+    np.testing.assert_allclose(robot.encoders, [2.0, 2.4], atol=1e-12)
+    np.testing.assert_array_equal(robot.speeds, [0.0, 0.0])
+
+
+def test_encoders_tell_whole_ticks_and_never_more_than_was_turned() -> None:
+    """The step is a turn divided by the ticks."""
+    robot = SimulatedRobot(replace(IDEAL, encoder_ticks=360))
+    robot.command(1.0, -1.0)
+    robot.advance(0.5)
+    ticks = np.degrees(robot.encoders)
+    np.testing.assert_allclose(ticks, [28.0, -29.0], atol=1e-9)
+
+
+def test_slip_shortens_the_way_and_not_what_the_encoders_say() -> None:
+    """Which is why odometry is wrong."""
+    robot = SimulatedRobot(replace(IDEAL, slip=0.1))
+    robot.command(0.5 / 0.0471, 0.5 / 0.0533)
+    robot.advance(2.0)
+    np.testing.assert_allclose(robot.pose, [0.9, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(robot.encoders, [1.0 / 0.0471, 1.0 / 0.0533])
+    np.testing.assert_allclose(robot.twist, [0.45, 0.0, 0.0], atol=1e-12)
+
+
+def test_the_noise_of_the_travel_has_the_variance_per_metre_that_was_asked_for() -> None:
+    """Whatever the step: of the heading, that of both wheels over the separation."""
+    for step in (1e-3, 2e-2):
+        robot = SimulatedRobot(
+            replace(IDEAL, travel_noise=0.003), seed=7, runs=20_000, step=step)
+        robot.command(0.5 / 0.0471, 0.5 / 0.0533)
+        robot.advance(0.4)
+        travelled = 0.2
+        assert np.var(robot.pose[2]) == pytest.approx(
+            2.0 * 0.003**2 * travelled / 0.317**2, rel=0.05)
+        assert np.var(robot.pose[0]) == pytest.approx(0.003**2 * travelled / 2.0, rel=0.05)
+
+
+def test_the_same_seed_gives_the_same_robot_and_another_seed_another() -> None:
+    """So that a test that failed fails again."""
+    model = replace(IDEAL, travel_noise=0.01)
+    poses = []
+    for seed in (3, 3, 4):
+        robot = SimulatedRobot(model, seed=seed)
+        robot.command(3.0, 5.0)
+        robot.advance(1.0)
+        poses.append(robot.pose)
+    np.testing.assert_array_equal(poses[0], poses[1])
+    assert (poses[0] != poses[2]).any()
+
+
+@pytest.mark.parametrize(('name', 'value', 'rule'), [
+    ('wheel_separation', 0.0, 'must be positive and finite'),
+    ('left_wheel_radius', math.nan, 'must be positive and finite'),
+    ('right_wheel_radius', -1.0, 'must be positive and finite'),
+    ('motor_time_constant', -0.1, 'must be finite and zero or more'),
+    ('encoder_ticks', -1, 'must be finite and zero or more'),
+    ('slip', 1.0, 'must be below 1'),
+    ('travel_noise', math.inf, 'must be finite and zero or more'),
+])
+def test_an_impossible_robot_is_refused(name: str, value: float, rule: str) -> None:
+    """With the name, the value and the rule."""
+    with pytest.raises(ValueError, match=re.escape(f'{name} = {value}: {rule}')):
+        replace(IDEAL, **{name: value})
+
+
+def test_a_command_that_is_not_finite_is_refused_and_the_last_one_stays() -> None:
+    """The physics stays finite."""
+    robot = SimulatedRobot(IDEAL)
+    robot.command(1.0, 2.0)
+    with pytest.raises(ValueError, match='right = nan: must be finite'):
+        robot.command(5.0, math.nan)
+    with pytest.raises(ValueError, match=r'seconds = -1\.0: must be finite and zero or more'):
+        robot.advance(-1.0)
+    robot.advance(1.0)
+    np.testing.assert_allclose(robot.encoders, [1.0, 2.0])

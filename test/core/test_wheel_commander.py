@@ -1,0 +1,363 @@
+"""The way out: at every moment a safe command."""
+from functools import partial
+import math
+
+from diffdrive_ros.core.axis_limits import AxisLimits
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.wheel_commander import CommandPath, STOP, WheelCommand
+from hypothesis import assume, example, given, strategies as st
+import numpy as np
+import pytest
+from support.strategies import drives
+
+# No two of these numbers, nor their halves, doubles or inverses, can stand for each other.
+ROBOT = DiffDrive(wheel_separation=0.317, left_wheel_radius=0.0471, right_wheel_radius=0.0533)
+SECOND = 10**9
+BOOT_NS = 12_345 * SECOND
+
+same = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
+
+anything = st.floats()  # nan and both infinities among them
+times = st.integers(0, 10 * SECOND)
+
+
+def path_with(linear, angular, **settings):
+    """Return a path that has just taken a command."""
+    path = CommandPath(ROBOT, **{'timeout': 0.5, **settings})
+    path.accept(linear, angular, BOOT_NS)
+    return path
+
+
+def test_nothing_moves_before_the_first_command():
+    path = CommandPath(ROBOT, timeout=0.5)
+    assert not path.started
+    assert path.step(BOOT_NS) == STOP == WheelCommand(0.0, 0.0, 0.0, 0.0)
+    assert path.complaint == ''
+    assert not path.started
+
+
+@given(drives, st.floats(-3.0, 3.0), st.floats(-6.0, 6.0))
+def test_a_command_gives_the_wheel_speeds_of_the_jacobian(drive, linear, angular):
+    path = CommandPath(drive, timeout=0.5)
+    path.accept(linear, angular, BOOT_NS)
+    sent = path.step(BOOT_NS)
+    same([sent.left, sent.right], drive.wheel_jacobian @ [linear, 0.0, angular], atol=1e-10)
+    same([sent.linear, sent.angular], [linear, angular])
+    assert path.started
+    assert path.complaint == ''
+
+
+def test_a_left_turn_slows_the_left_wheel():
+    straight = path_with(0.5, 0.0).step(BOOT_NS)
+    turning = path_with(0.5, 0.5).step(BOOT_NS)
+    assert turning.left < straight.left
+    assert turning.right > straight.right
+
+
+def test_the_newest_command_counts():
+    path = path_with(0.5, 0.8)
+    path.accept(-0.2, 0.1, BOOT_NS)
+    assert path.step(BOOT_NS) == path_with(-0.2, 0.1).step(BOOT_NS)
+
+
+def test_numbers_out_are_plain_floats():
+    sent = path_with(1, 2, max_wheel_speed=3).step(BOOT_NS)
+    for value in sent.left, sent.right, sent.linear, sent.angular:
+        assert type(value) is float
+
+
+# Silence
+
+def test_a_command_holds_until_the_timeout_and_not_a_nanosecond_longer():
+    path = path_with(0.5, 0.8)
+    moving = path.step(BOOT_NS)
+    assert path.step(BOOT_NS + SECOND // 2) == moving
+    assert path.complaint == ''
+    assert path.step(BOOT_NS + SECOND // 2 + 1) == STOP
+    assert path.complaint == 'no command for 0.5 s'
+    assert path.started
+
+
+def test_what_has_timed_out_does_not_come_back_by_itself():
+    path = path_with(0.5, 0.8)
+    path.step(BOOT_NS + SECOND)
+    assert path.step(BOOT_NS) == STOP
+
+
+def test_each_command_starts_the_timeout_anew():
+    path = path_with(0.5, 0.8)
+    moving = path.step(BOOT_NS)
+    for tenths in range(4, 40, 4):
+        path.accept(0.5, 0.8, BOOT_NS + tenths * SECOND // 10)
+        assert path.step(BOOT_NS + (tenths + 4) * SECOND // 10) == moving
+
+
+def test_a_timeout_of_zero_is_none():
+    path = path_with(0.5, 0.8, timeout=0.0)
+    assert path.step(BOOT_NS + 10**6 * SECOND) == path_with(0.5, 0.8).step(BOOT_NS)
+    assert path.complaint == ''
+
+
+def test_a_timeout_can_be_changed_while_driving():
+    path = path_with(0.5, 0.8, timeout=0.0)
+    path.timeout = 2.0
+    assert path.step(BOOT_NS + 2 * SECOND).linear > 0.0
+    assert path.step(BOOT_NS + 2 * SECOND + 1) == STOP
+
+
+@pytest.mark.parametrize('zero', [0.0, -0.0])
+def test_a_command_to_stand_still_makes_no_complaint_when_it_has_timed_out(zero):
+    path = path_with(zero, zero)
+    assert path.step(BOOT_NS + 60 * SECOND) == STOP
+    assert path.complaint == ''
+
+
+@pytest.mark.parametrize(('linear', 'angular'), [(0.5, 0.0), (0.0, 0.8), (-0.5, 0.0)])
+def test_every_motion_times_out(linear, angular):
+    path = path_with(linear, angular)
+    assert path.step(BOOT_NS + SECOND) == STOP
+    assert path.complaint == 'no command for 0.5 s'
+
+
+def test_the_next_command_after_silence_drives_again():
+    path = path_with(0.5, 0.8)
+    path.step(BOOT_NS + SECOND)
+    path.accept(0.5, 0.8, BOOT_NS + 2 * SECOND)
+    assert path.step(BOOT_NS + 2 * SECOND) == path_with(0.5, 0.8).step(BOOT_NS)
+    assert path.complaint == ''
+
+
+# What cannot be driven
+
+UNDRIVABLE = [
+    (math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (0.3, -math.inf), (math.nan, math.inf),
+    # Finite, and not so any more at the wheels.
+    (1.7e308, 0.0), (-1.7e308, 0.0), (1e308, 1.7e308), (0.0, 1.7e308),
+]
+
+
+@pytest.mark.parametrize(('linear', 'angular'), UNDRIVABLE)
+@pytest.mark.parametrize('limit', [None, 20.0])
+@pytest.mark.filterwarnings('error')
+def test_what_is_not_finite_stops_the_wheels_at_once_and_says_so(linear, angular, limit):
+    path = path_with(0.5, 0.8, max_wheel_speed=limit)
+    path.step(BOOT_NS)
+    path.accept(linear, angular, BOOT_NS + 1)
+    assert path.step(BOOT_NS + 1) == STOP
+    assert path.complaint == f'command ({linear} m/s, {angular} rad/s): must be finite'
+    assert path.step(BOOT_NS + SECOND) == STOP
+    assert 'must be finite' in path.complaint
+
+
+@pytest.mark.parametrize(('linear', 'angular'), UNDRIVABLE)
+def test_the_next_good_command_drives_again(linear, angular):
+    path = path_with(linear, angular)
+    path.step(BOOT_NS)
+    path.accept(0.5, 0.8, BOOT_NS)
+    assert path.step(BOOT_NS) == path_with(0.5, 0.8).step(BOOT_NS)
+    assert path.complaint == ''
+
+
+def test_a_first_command_that_is_not_finite_is_a_command_to_stop():
+    path = path_with(math.nan, 0.0)
+    assert path.started
+    assert path.step(BOOT_NS) == STOP
+
+
+# The limit of the wheels
+
+@given(st.floats(-3.0, 3.0), st.floats(-6.0, 6.0), st.floats(0.1, 100.0))
+def test_a_limit_keeps_the_curve_and_the_applied_twist_tells_the_truth(linear, angular, limit):
+    sent = path_with(linear, angular, max_wheel_speed=limit).step(BOOT_NS)
+    assert max(abs(sent.left), abs(sent.right)) <= limit
+    same(sent.linear * angular, sent.angular * linear)
+    assert sent.linear * linear >= -1e-12
+    assert sent.angular * angular >= -1e-12
+    same([sent.linear, sent.angular], ROBOT.body_twist(sent.left, sent.right))
+
+
+def test_a_limit_is_used_in_full_and_slows_no_one_below_it():
+    free = path_with(0.5, 0.8).step(BOOT_NS)
+    limited = path_with(0.5, 0.8, max_wheel_speed=free.right / 2.0).step(BOOT_NS)
+    same([limited.left, limited.right], [free.left / 2.0, free.right / 2.0])
+    same([limited.linear, limited.angular], [0.25, 0.4])
+    assert path_with(0.5, 0.8, max_wheel_speed=free.right).step(BOOT_NS) == free
+
+
+def test_a_limit_can_be_changed_while_driving():
+    path = path_with(0.5, 0.8)
+    path.max_wheel_speed = 1.0
+    assert path.step(BOOT_NS).right == 1.0
+
+
+@given(st.lists(st.tuples(anything, anything, times), max_size=8), times, st.floats(1e-3, 1e3))
+@example([(1.7e308, 0.0, 0)], 0, 20.0)
+@example([(1e300, -1e300, 0)], 0, 20.0)
+def test_whatever_comes_the_wheels_get_finite_speeds_within_the_limit(commands, last_ns, limit):
+    path = CommandPath(ROBOT, timeout=0.5, max_wheel_speed=limit)
+    for linear, angular, now_ns in commands:
+        path.accept(linear, angular, now_ns)
+        sent = path.step(now_ns + last_ns)
+        assert abs(sent.left) <= limit
+        assert abs(sent.right) <= limit
+        assert math.isfinite(sent.linear)
+        assert math.isfinite(sent.angular)
+
+
+@given(drives, anything, anything)
+@example(ROBOT, 1e308, 1e308)
+@example(DiffDrive(1.0, 2.0, 2.0), 1.2e308, 0.0)
+def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular):
+    path = CommandPath(drive, timeout=0.5)
+    path.accept(linear, angular, BOOT_NS)
+    sent = path.step(BOOT_NS)
+    assert all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular)))
+
+
+@given(late_ns=st.integers(0, 10**10), timeout=st.floats(0.05, 3.0))
+def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) -> None:
+    """The timeout runs from when a command was sent, not from when it came."""
+    path = CommandPath(ROBOT, timeout)
+    path.accept(0.2, 0.1, BOOT_NS, late_ns)
+    assume(abs(late_ns - timeout * 1e9) > 2)
+    if late_ns > timeout * 1e9:
+        assert path.step(BOOT_NS) == STOP
+        assert path.counts['late'] == 1
+        assert 's late' in path.complaint
+        return
+    assert path.step(BOOT_NS).linear == pytest.approx(0.2)
+    end = BOOT_NS + round(timeout * 1e9) - late_ns
+    assert path.step(end - 2).linear == pytest.approx(0.2)
+    assert path.step(end + 2) == STOP
+
+
+def test_what_comes_too_late_does_not_drive_but_stops() -> None:
+    """A stop is taken however old it is; a drive of another driver goes on until then."""
+    path = CommandPath(ROBOT, 0.5)
+    path.accept(0.2, 0.1, BOOT_NS)
+    path.accept(-0.9, 0.0, BOOT_NS + 1, late_ns=10**9)
+    assert path.step(BOOT_NS + 2).linear == pytest.approx(0.2)
+    assert path.complaint == ''
+    path.accept(0.0, 0.0, BOOT_NS + 3, late_ns=10**9)
+    assert path.step(BOOT_NS + 4) == STOP
+
+
+def test_without_a_timeout_no_command_is_too_old() -> None:
+    """Whoever sets it to zero wants the last command to hold, whenever it comes."""
+    path = CommandPath(ROBOT, 0.0)
+    path.accept(0.2, 0.1, BOOT_NS, late_ns=10**12)
+    assert path.step(BOOT_NS).linear == pytest.approx(0.2)
+
+
+@given(st.lists(st.integers(1, 5), min_size=30, max_size=30))
+def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> None:
+    """A machine that is too busy for the rate stops the robot as soon as one that is not."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=1.0, max_deceleration=-1.0), period=0.02)
+    now = BOOT_NS
+    for _ in range(150):
+        now += 20_000_000
+        path.accept(2.0, 0.0, now)
+        fastest = path.step(now)
+    assert fastest.linear == pytest.approx(2.0)
+    path.accept(0.0, 0.0, now)
+    start = now
+    for gap in gaps:
+        now += gap * 20_000_000
+        sent = path.step(now)
+        assert sent.linear == pytest.approx(max(0.0, 2.0 - (now - start) * 1e-9), abs=1e-9)
+
+
+@given(st.floats(0.05, 50.0), st.booleans())
+def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new: bool) -> None:
+    """The wheels go on from where the robot would be, and not from where it was long ago."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=4.0, max_deceleration=-0.4), period=0.02)
+    now = BOOT_NS
+    for _ in range(100):
+        now += 20_000_000
+        path.accept(1.0, 0.0, now)
+        path.step(now)
+    now += round(pause * 1e9)
+    if is_new:
+        path.accept(1.0, 0.0, now)
+    left = path.step(now).linear
+    slow = max(pause - 0.5, 0.0)  # the command was to hold for half a second
+    if is_new:
+        assert left == pytest.approx(min(1.0, max(0.0, 1.0 - 0.4 * slow) + 0.4))
+    elif pause > 0.5 + 1e-6:
+        assert left == pytest.approx(max(0.0, 1.0 - 0.4 * (slow + min(0.1, pause))))
+    else:
+        assert left == 1.0
+
+
+@given(st.sampled_from([1.0, 5.0, 6.0, 10.0, 25.0]))
+def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pace: float) -> None:
+    """A step that is longer than five periods is no pause, while commands are to hold."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(max_acceleration=1.0), period=0.02)
+    for k in range(200):
+        now = BOOT_NS + round(k * pace * 20_000_000)
+        path.accept(1.0, 0.0, now)
+        sent = path.step(now)
+    assert sent.linear == pytest.approx(1.0)
+
+
+def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
+    """Between two clocks no time can be told."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(max_acceleration=2.0), period=0.02)
+    for k in range(100):
+        path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
+        path.step(BOOT_NS + k * 20_000_000)
+    path.forget_time()
+    speeds = [path.step(7 + k * 20_000_000).linear for k in range(30)]
+    assert speeds == pytest.approx([max(0.0, 0.96 - 0.04 * k) for k in range(30)], abs=1e-9)
+    assert path.complaint == 'the clock was changed'
+
+
+@given(st.lists(st.integers(0, 25), min_size=1, max_size=80))
+def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) -> None:
+    """Nor does a simulated clock that ticks more slowly than the commands go out."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+        max_velocity=5.0, max_acceleration=1.5), period=0.02)
+    path.accept(5.0, 0.0, BOOT_NS)
+    path.step(BOOT_NS)
+    now = BOOT_NS
+    for each in millis:
+        now += each * 1_000_000
+        assert path.step(now).linear <= 1.5 * (0.02 + (now - BOOT_NS) * 1e-9) + 1e-6
+
+
+def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
+    """A /clock that has died is a reason to stop, by the deceleration limit."""
+    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+        max_velocity=2.0, max_acceleration=5.0, max_deceleration=-2.0), period=0.02)
+    for k in range(50):
+        path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
+        path.step(BOOT_NS + k * 20_000_000)
+    path.hold('no clock', True)
+    speeds = [path.step(BOOT_NS + 49 * 20_000_000).linear for _ in range(30)]
+    assert speeds[:3] == pytest.approx([0.96, 0.92, 0.88])
+    assert speeds[-1] == 0.0
+
+
+@given(st.lists(st.integers(2, 120), min_size=1, max_size=60))
+def test_the_jerk_is_limited_whatever_the_steps_take(millis: list[int]) -> None:
+    """The acceleration changes by no more than the jerk times the time."""
+    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+        max_velocity=1000.0, max_jerk=20.0), period=0.025)
+    now, before, acceleration = BOOT_NS, path.step(BOOT_NS).linear, 0.0
+    path.accept(900.0, 0.0, now)
+    for each in millis:
+        now += each * 1_000_000
+        speed, seconds = path.step(now).linear, each * 1e-3
+        assert (speed - before) / seconds <= acceleration + 20.0 * seconds + 1e-6
+        before, acceleration = speed, (speed - before) / seconds
+
+
+def test_to_hold_for_a_moment_forgets_the_command() -> None:
+    """Also when the hold has ended before the next step."""
+    path = path_with(0.5, 0.8)
+    path.step(BOOT_NS)
+    path.hold('by hand', True)
+    path.hold('by hand', False)
+    assert path.step(BOOT_NS + 1) == STOP

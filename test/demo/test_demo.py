@@ -1,0 +1,132 @@
+"""The demo ends with 0 only if the robot was driven and its odometry was right."""
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from nav_msgs.msg import Odometry
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from support.station import children, Station, twist, wait_until
+
+PNG = b'\x89PNG\r\n\x1a\n'
+
+
+class Demo:
+    """The demo as a process, with the processes that it starts."""
+
+    def __init__(self, picture: Path, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'diffdrive_ros.demo.main', '--output', str(picture),
+             *arguments],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.output = ''
+
+    def children(self) -> dict[str, int]:
+        """Return the process numbers of simulator_node and odometry_node."""
+        return children(self._process.pid)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to the demo."""
+        self._process.send_signal(number)
+
+    def wait(self) -> int:
+        """Return the exit code; output is complete then, and nothing is left running."""
+        children = self.children()
+        self.output = self._process.communicate(timeout=60)[0]
+        for number in children.values():
+            wait_until(lambda number=number: not Path(f'/proc/{number}').exists())
+        return self._process.returncode
+
+    def close(self) -> None:
+        """End what still runs."""
+        for number in self.children().values():
+            os.kill(number, signal.SIGKILL)
+        self._process.kill()
+        self._process.communicate()
+
+
+@pytest.fixture
+def demo(domain: int, tmp_path: Path) -> Iterator[Demo]:
+    """Return a demo that drives a circle."""
+    demo = Demo(tmp_path / 'demo.png', '--path', 'circle')
+    yield demo
+    demo.close()
+
+
+def wait_until_driving(station: Station) -> None:
+    """Return when the robot has left its place."""
+    heard = station.hear(Odometry, 'odom')
+    wait_until(lambda: heard and heard[-1][1].pose.pose.position.x > 0.1)
+
+
+def test_a_drive_that_went_well_ends_with_0_and_a_picture(demo: Demo, tmp_path: Path) -> None:
+    """The figures are shown with their bounds."""
+    assert demo.wait() == 0, demo.output
+    assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
+    assert 'position error at the end' in demo.output
+
+
+@pytest.mark.parametrize('victim', ['simulator', 'odometry'])
+def test_a_process_that_dies_ends_the_demo_with_1(
+        demo: Demo, domain: int, victim: str) -> None:
+    """Whichever it is, it is named."""
+    wait_until(lambda: len(demo.children()) == 2)
+    station = Station(domain)
+    try:
+        wait_until_driving(station)
+        os.kill(demo.children()[f'{victim}_node'], signal.SIGKILL)
+        assert demo.wait() == 1
+    finally:
+        station.close()
+    assert f'demo: {victim} ended with -9' in demo.output
+
+
+def test_a_process_that_hangs_ends_the_demo_with_1(demo: Demo, domain: int) -> None:
+    """It lives, and says nothing."""
+    wait_until(lambda: len(demo.children()) == 2)
+    station = Station(domain)
+    try:
+        wait_until_driving(station)
+        os.kill(demo.children()['odometry_node'], signal.SIGSTOP)
+        assert demo.wait() == 1
+    finally:
+        station.close()
+    assert 'demo: nothing on odom for 2 s' in demo.output
+
+
+def test_wheels_swapped_on_the_way_end_the_demo_with_1(demo: Demo, domain: int) -> None:
+    """The odometry believes its encoders; the truth does not."""
+    wait_until(lambda: len(demo.children()) == 2)
+    station = Station(domain)
+    try:
+        wait_until_driving(station)
+        answer = station.call(SetParameters, 'simulator/set_parameters', SetParameters.Request(
+            parameters=[Parameter('crossed_cables', value=True).to_parameter_msg()]))
+        assert answer.results[0].successful
+        assert demo.wait() == 1
+    finally:
+        station.close()
+    assert 'must be at most' in demo.output
+
+
+def test_a_demo_that_is_interrupted_ends_with_1(demo: Demo) -> None:
+    """Half a drive is none; the robot's processes end with it."""
+    wait_until(lambda: len(demo.children()) == 2)
+    demo.signal(signal.SIGINT)
+    assert demo.wait() == 1
+    assert demo.output.strip().endswith('demo: interrupted')
+
+
+def test_the_demo_drives_nobody_elses_robot(station: Station, domain: int, tmp_path: Path) -> None:
+    """Somebody listens to cmd_vel already: it may be a real one."""
+    station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
+    demo = Demo(tmp_path / 'demo.png')
+    try:
+        assert demo.wait() == 1
+    finally:
+        demo.close()
+    assert 'somebody is on cmd_vel (station)' in demo.output

@@ -1,0 +1,691 @@
+"""The node odometry among the things that happen on a robot, in this process."""
+from collections.abc import Callable, Iterator
+import itertools
+import math
+import re
+import time
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.node.odometry_node import OdometryNode
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+from support.station import (
+    is_ramp,
+    joints,
+    LEFT_RADIUS,
+    RIGHT_RADIUS,
+    SEPARATION,
+    stamp_ns,
+    Station,
+    twist,
+    wait_until,
+)
+
+DRIVE = DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS)
+
+Make = Callable[..., OdometryNode]
+Said = Callable[[], str]
+
+
+def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.count:
+    """Return messages of wheels that turn, without end."""
+    return (
+        joints(start_ns + k * period_ns, left_wheel_joint=0.03 * k, right_wheel_joint=0.05 * k)
+        for k in itertools.count())
+
+
+def driving(station: Station) -> list:
+    """Return what is heard of the wheels once they turn."""
+    heard = station.hear(JointState, 'wheel_commands')
+    station.say_until(
+        lambda: heard and heard[-1][1].velocity[0], 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
+    return heard
+
+
+def stands(message: JointState) -> bool:
+    """Return whether a wheel command is zero."""
+    return list(message.velocity) == [0.0, 0.0]
+
+
+def test_reset_odometry_answers_when_the_pose_is_zero(station: Station, make: Make) -> None:
+    """The next odom starts from there."""
+    make()
+    heard = station.hear(Odometry, 'odom')
+    messages = angles()
+    station.say_until(lambda: len(heard) > 5, 'joint_states', messages)
+    assert heard[-1][1].pose.pose.position.x > 0.001
+    answer = station.call(Trigger, 'odometry/reset_odometry', Trigger.Request())
+    assert answer.success
+    count = len(heard)
+    station.say('joint_states', next(messages))
+    wait_until(lambda: len(heard) > count)
+    moved = 0.5 * (0.03 * LEFT_RADIUS + 0.05 * RIGHT_RADIUS)
+    assert 0.0 < heard[count][1].pose.pose.position.x < 3.0 * moved
+
+
+def pose_message(
+        frame: str, x: float, y: float, yaw: float, variance: float = 0.04,
+) -> PoseWithCovarianceStamped:
+    """Return a pose with a covariance of its own."""
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = frame
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.z = math.sin(0.5 * yaw)
+    message.pose.pose.orientation.w = math.cos(0.5 * yaw)
+    for place, value in ((0, variance), (7, 0.09), (35, 0.01)):
+        message.pose.covariance[place] = value
+    return message
+
+
+def test_set_pose_sets_the_pose_with_its_covariance(station: Station, make: Make) -> None:
+    """As robot_localization's, but private, so that both can run in one namespace."""
+    node = make()
+    station.say('odometry/set_pose', pose_message('odom', 3.0, -4.0, 2.0))
+    wait_until(lambda: node._odom.odometry.pose[0] == 3.0)
+    heard = station.hear(Odometry, 'odom')
+    station.say_until(lambda: heard, 'joint_states', (
+        joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
+    pose = heard[0][1].pose
+    assert (pose.pose.position.x, pose.pose.position.y) == (3.0, -4.0)
+    assert 2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) == pytest.approx(2.0)
+    assert [pose.covariance[place] for place in (0, 7, 35)] == pytest.approx([0.04, 0.09, 0.01])
+
+
+@pytest.mark.parametrize(('message', 'rule'), [
+    (pose_message('map', 1.0, 2.0, 0.0), "frame_id = 'map': must be 'odom'"),
+    (pose_message('', 1.0, 2.0, 0.0), "frame_id = '': must be 'odom'"),
+    (pose_message('odom', math.nan, 2.0, 0.0), 'must be finite'),
+    (PoseWithCovarianceStamped(), "frame_id = '': must be 'odom'"),
+    (pose_message('odom', 1e300, 2.0, 0.0), 'must be finite and below 1e+09 m'),
+    (pose_message('odom', 1.0, 2.0, 0.0, variance=1e308), 'must have no variance above 1e+12'),
+])
+def test_a_pose_that_is_none_is_refused(
+        station: Station, make: Make, said: Callable[[], str],
+        message: PoseWithCovarianceStamped, rule: str) -> None:
+    """Nothing changes, and the reason is said."""
+    node = make()
+    station.say('odometry/set_pose', message)
+    wait_until(lambda: rule in said())
+    assert node._odom.odometry.pose.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_software_stop_holds_the_wheels_until_a_command_after_it(
+        station: Station, make: Make) -> None:
+    """Commands that came while it held are not driven when it ends."""
+    make()
+    heard = driving(station)
+    answer = station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
+    assert answer.success
+    wait_until(lambda: stands(heard[-1][1]))
+    count = len(heard)
+    for _ in range(10):
+        station.say('cmd_vel', twist(0.4, 0.1))
+        time.sleep(0.02)
+    station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
+    after = len(heard)
+    wait_until(lambda: len(heard) > after + 5)
+    assert all(stands(message) for _, message in heard[count:])
+    station.say_until(
+        lambda: not stands(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
+
+
+def test_a_hold_of_a_moment_is_in_diagnostics_from_its_beginning_to_its_end(
+        station: Station, make: Make) -> None:
+    """A driver who looks once a second would miss it."""
+    make()
+    heard = station.hear(DiagnosticArray, '/diagnostics')
+    wait_until(lambda: heard)
+    for data in (False, True):
+        station.call(SetBool, 'odometry/enable', SetBool.Request(data=data))
+
+    def commands() -> list[str]:
+        return [status.message for _, message in heard for status in message.status
+                if status.name.endswith('commands')]
+
+    wait_until(lambda: commands()[-1] == 'none yet' and len(commands()) > 2)
+    assert 'stopped: disabled by ~/enable' in commands()
+
+
+def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
+        station: Station, make: Make, said: Said) -> None:
+    """The last reason is the one that counts."""
+    make()
+    driving(station)
+    station.say('cmd_vel', twist(math.nan, 0.0))
+    wait_until(lambda: 'must be finite; wheels stopped' in said())
+    station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
+    wait_until(lambda: 'disabled by ~/enable; wheels stopped' in said())
+
+
+def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) -> None:
+    """The next command is driven only where nothing does."""
+    make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    station.say_until(
+        lambda: station.call(SetBool, 'odometry/enable', SetBool.Request(data=True)).message
+        == 'the wheels are held: no usable joint_states', 'cmd_vel',
+        itertools.repeat(twist(0.4, 0.1)))
+
+
+def test_the_first_command_is_held_too_where_the_encoders_are_silent(
+        station: Station, make: Make) -> None:
+    """It is counted with the others."""
+    node = make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    wait_until(lambda: node._monitor.silence() > 0.2)
+    station.say('cmd_vel', twist(0.4, 0.1))
+    wait_until(lambda: node._command.counts['commands'])
+    assert node._command.counts['held'] == node._command.counts['commands']
+
+
+def test_a_clock_beyond_the_stamps_of_ros_is_refused(
+        station: Station, make: Make, said: Said) -> None:
+    """In 2038 their seconds end; joint_states without a stamp would have such a one."""
+    node = make()
+    node.get_clock = lambda: SimpleNamespace(
+        now=lambda: SimpleNamespace(nanoseconds=2**31 * 10**9 + 7))
+    station.say_until(lambda: 'must be before 2038' in said(), 'joint_states', (
+        joints(0, left_wheel_joint=0.1 * k, right_wheel_joint=0.2 * k) for k in itertools.count()))
+    assert node._odom.feedback.counts['unreadable']
+
+
+def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
+    """In open loop the stamps are the clock's own."""
+    node = make(publish_rate=10.0)
+    hour = 3600 * 10**9
+    start = 10**18
+    due = [node._odom._is_due(start + k * 50_000_000, 10**8) for k in range(5)]
+    assert due == [True, False, True, False, True]
+    before = [
+        node._odom._is_due(start - hour + k * 50_000_000, 10**8) for k in range(3)]
+    assert before == [True, False, True]
+
+
+def test_limits_that_may_not_be_meant_are_said_once_also_when_they_are_set_live(
+        station: Station, make: Make, said: Said) -> None:
+    """A minimum without its maximum does nothing; no acceleration, and the robot stays."""
+    node = make(angular__z__min_velocity=-1.0)
+    assert 'angular.z: without effect, for their maximum is not set: min_velocity' in said()
+    for value in (-0.1, -0.2):
+        node.set_parameters([Parameter('linear.x.min_velocity', value=value)])
+    node.set_parameters([Parameter('linear.x.max_acceleration', value=0.0)])
+    assert said().count('linear.x: without effect') == 1
+    assert said().count('angular.z: without effect') == 1
+    assert 'linear.x.max_acceleration = 0.0: the robot never starts' in said()
+
+
+def test_a_driver_of_one_wheel_is_named_though_nothing_was_ever_commanded(
+        station: Station, make: Make, said: Said) -> None:
+    """No odom, and whoever starts with a new robot looks at the log first."""
+    make()
+    station.say_until(lambda: 'waiting for right_wheel_joint' in said(), 'joint_states', (
+        joints(k, left_wheel_joint=1.0) for k in itertools.count(1)))
+
+
+def test_in_open_loop_too_a_clock_beyond_the_stamps_of_ros_is_refused(
+        station: Station, make: Make, said: Said) -> None:
+    """The wheels are commanded all the same."""
+    node = make(open_loop=True)
+    heard = driving(station)
+    ticks = []
+    node._sender.send = lambda *arguments: ticks.append(arguments)
+    node.get_clock = lambda: SimpleNamespace(now=lambda: SimpleNamespace(
+        nanoseconds=2**31 * 10**9 + 7, to_msg=lambda: Time(sec=2**31 - 1)))
+    wait_until(lambda: len(ticks) > 3)
+    assert 'joint_states: the clock is at 2147483648 s: must be before 2038' in said()
+    assert heard
+
+
+def test_a_clock_that_is_changed_on_the_way_stops_by_the_deceleration_limit(
+        station: Station, make: Make, said: Said) -> None:
+    """The time since the last step is unknown then, and no reason to stop in one message."""
+    node = make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-1.0)
+    heard = driving(station)
+    node.set_parameters([Parameter('use_sim_time', value=True)])
+    wait_until(lambda: stands(heard[-1][1]))
+    speeds = [message.velocity[0] for _, message in heard]
+    assert max(-np.diff(speeds)) < 0.3 * max(speeds)
+    assert 'clock' in said()
+
+
+def test_a_software_stop_before_any_command_holds_the_wheels_too(
+        station: Station, make: Make) -> None:
+    """Zeros go out, for somebody else may have set them turning."""
+    make()
+    heard = station.hear(JointState, 'wheel_commands')
+    wait_until(lambda: station.node.count_publishers('wheel_commands'))
+    station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
+    wait_until(lambda: len(heard) > 3)
+    assert all(stands(message) for _, message in heard)
+
+
+def test_the_twist_as_applied_is_published_when_asked_for(station: Station, make: Make) -> None:
+    """Limited by the acceleration, step by step."""
+    make(publish_limited_velocity=True, linear__x__max_acceleration=1.0)
+    heard = station.hear(TwistStamped, 'odometry/cmd_vel_out')
+    station.say_until(
+        lambda: heard and heard[-1][1].twist.linear.x == 0.4, 'cmd_vel',
+        itertools.repeat(twist(0.4, 0.1)))
+    ramp = [message for _, message in heard if message.twist.linear.x < 0.4]
+    assert is_ramp(ramp, [message.twist.linear.x for message in ramp], 1.0)
+    assert heard[0][1].header.frame_id == 'base_link'
+
+
+def test_a_stop_keeps_to_the_deceleration_limit_and_not_to_the_jerk_limit(
+        station: Station, make: Make) -> None:
+    """From the timeout on the wheels slow down evenly to exactly zero."""
+    make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-2.0,
+         linear__x__max_jerk=1e6, linear__x__min_jerk=-0.1, cmd_vel_timeout=0.2)
+    heard = station.hear(JointState, 'wheel_commands')
+    station.say_until(
+        lambda: heard and heard[-1][1].velocity[0] > 8.0, 'cmd_vel',
+        itertools.repeat(twist(0.4, 0.0)))
+    wait_until(lambda: stands(heard[-1][1]))
+    left = [message.velocity[0] * LEFT_RADIUS for _, message in heard]
+    last_full = max(k for k, speed in enumerate(left) if speed == pytest.approx(0.4))
+    end = left.index(0.0, last_full)
+    ramp = [message for _, message in heard[last_full:end]]
+    assert is_ramp(ramp, left[last_full:end], -2.0)
+    assert not any(left[end:])
+
+
+def test_odom_is_thinned_out_to_the_publish_rate_by_stamp(station: Station, make: Make) -> None:
+    """Of a hundred messages a second, each fourth."""
+    make(publish_rate=25.0)
+    heard = station.hear(Odometry, 'odom')
+    station.say_until(lambda: heard, 'joint_states', angles())
+    heard.clear()
+    for message in itertools.islice(angles(start_ns=10**10), 41):
+        station.say('joint_states', message)
+    wait_until(lambda: heard and stamp_ns(heard[-1][1]) >= 10**10 + 400_000_000)
+    steps = np.diff([stamp_ns(message) for _, message in heard])
+    assert len(heard) >= 10
+    assert set(steps.tolist()) == {40_000_000}
+
+
+def test_the_stamp_is_the_newest_when_wheels_come_apart(station: Station, make: Make) -> None:
+    """The older message may be the last to come."""
+    make()
+    heard = station.hear(Odometry, 'odom')
+    station.say_until(lambda: heard, 'joint_states', angles())
+    heard.clear()
+    for k in range(1, 4):
+        station.say('joint_states', joints(10**10 * k + 9_000_000, left_wheel_joint=0.1))
+        station.say('joint_states', joints(10**10 * k, right_wheel_joint=0.1))
+        wait_until(lambda k=k: len(heard) == k)
+    assert [stamp_ns(message) for _, message in heard] == [
+        10**10 * k + 9_000_000 for k in range(1, 4)]
+
+
+def test_time_that_starts_again_goes_on_with_the_same_pose(station: Station, make: Make) -> None:
+    """A bag loops: odom follows with the new stamps, and the pose does not jump."""
+    make()
+    heard = station.hear(Odometry, 'odom')
+    station.say_until(lambda: heard, 'joint_states', angles(start_ns=10**12))
+    for message in itertools.islice(angles(start_ns=10**12 + 10**10), 20):
+        station.say('joint_states', message)
+    wait_until(lambda: stamp_ns(heard[-1][1]) == 10**12 + 10**10 + 190_000_000)
+    before = heard[-1][1].pose.pose.position
+    heard.clear()
+    for message in itertools.islice(angles(start_ns=10**9), 5):
+        station.say('joint_states', message)
+    wait_until(lambda: len(heard) == 4)
+    assert stamp_ns(heard[0][1]) == 10**9 + 10_000_000
+    after = heard[0][1].pose.pose.position
+    assert math.hypot(after.x - before.x, after.y - before.y) < 0.01
+    assert heard[-1][1].twist.twist.angular.z == pytest.approx(
+        DRIVE.body_twist(3.0, 5.0)[1], rel=1e-9)
+
+
+def test_a_driver_of_best_effort_is_heard(station: Station, make: Make) -> None:
+    """As micro-ROS boards and sensor data are."""
+    make()
+    heard = station.hear(Odometry, 'odom')
+    publisher = station.node.create_publisher(
+        JointState, 'joint_states',
+        QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))
+    messages = angles()
+    wait_until(lambda: heard or publisher.publish(next(messages)), pause=0.05)
+
+
+def diagnostics(station: Station) -> Callable[[], dict[str, DiagnosticStatus]]:
+    """Return a function that returns the last status by its short name."""
+    heard = station.hear(DiagnosticArray, '/diagnostics')
+
+    def last() -> dict[str, DiagnosticStatus]:
+        if not heard:
+            return {}
+        return {status.name.partition(': ')[2]: status for status in heard[-1][1].status}
+
+    return last
+
+
+def test_diagnostics_tell_rates_counts_and_what_was_left_out(
+        station: Station, make: Make) -> None:
+    """Under the full name of the node."""
+    make(max_plausible_wheel_speed=60.0)
+    last = diagnostics(station)
+    wait_until(last)
+    assert last()['feedback'].level == DiagnosticStatus.WARN
+    assert last()['commands'].level == last()['geometry'].level == DiagnosticStatus.OK
+    assert last()['feedback'].hardware_id == '/odometry'
+    heard = station.hear(Odometry, 'odom')
+    messages = angles()
+    station.say_until(lambda: len(heard) > 5, 'joint_states', messages)
+    glitch = next(messages)
+    glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
+    station.say('joint_states', glitch)
+    station.say('joint_states', next(messages))
+    station.say('joint_states', joints(1, arm=3.0))
+    station.say('cmd_vel', twist(math.nan, 0.0))
+
+    def figures(name: str) -> dict[str, str]:
+        return {item.key: item.value for item in last()[name].values}
+
+    wait_until(lambda: figures('feedback').get('glitches') == '1')
+    assert figures('feedback')['without our wheels'] == '1'
+    assert float(figures('feedback')['rate [Hz]']) > 0.0
+    assert last()['feedback'].level == DiagnosticStatus.OK
+    wait_until(lambda: figures('commands').get('not finite') == '1')
+    assert last()['commands'].level == DiagnosticStatus.WARN
+    assert 'must be finite' in last()['commands'].message
+    wait_until(lambda: last()['feedback'].level == DiagnosticStatus.ERROR)
+    assert 'nothing' in last()['feedback'].message
+
+
+def test_a_payload_that_cannot_be_read_is_counted_and_said_and_loses_nothing(
+        station: Station, make: Make, said: Said) -> None:
+    """Bytes that claim to be a JointState, between two that are."""
+    make()
+    last, odom = diagnostics(station), station.hear(Odometry, 'odom')
+    wait_until(last)
+    messages = angles()
+    station.say_until(lambda: odom, 'joint_states', messages)
+    whole = serialize_message(next(messages))
+    station.say('joint_states', whole[:60])
+    wait_until(lambda: 'unreadable' in said())
+    assert re.search(r'joint_states: unreadable: a \w+ ends at byte \d+ of 60: must end', said())
+    count = len(odom)
+    station.say('joint_states', next(messages))
+    wait_until(lambda: len(odom) > count)
+    wait_until(lambda: {item.key: item.value for item in last()['feedback'].values}.get(
+        'unreadable') == '1')
+
+
+@pytest.mark.parametrize(('stamps', 'why'), [
+    (itertools.repeat(5 * 10**9), r'\d+ not newer'),
+    (itertools.repeat(2 * 10**9), r'\d+ not newer'),
+])
+def test_a_stamp_that_is_stuck_is_named_where_samples_are_missed(
+        station: Station, make: Make, said: Said, stamps: Iterator[int], why: str) -> None:
+    """The last one, or one from the past: heard are all, and none is of use."""
+    make()
+    odom = station.hear(Odometry, 'odom')
+    station.say_until(lambda: odom, 'joint_states', angles(start_ns=5 * 10**9 - 20_000_000))
+    station.say_until(lambda: 'no usable sample' in said(), 'joint_states', (
+        joints(stamp, left_wheel_joint=1.0, right_wheel_joint=2.0) for stamp in stamps))
+    assert re.search(rf'no usable sample of the wheels for 2 s \({why}\)', said())
+
+
+def test_a_second_kind_of_wrong_feedback_is_said_though_the_first_was_said_just_now(
+        station: Station, make: Make, said: Said) -> None:
+    """A failing encoder glitches, and then has no value."""
+    make(max_plausible_wheel_speed=60.0)
+    odom = station.hear(Odometry, 'odom')
+    messages = angles()
+    station.say_until(lambda: odom, 'joint_states', messages)
+    glitch = next(messages)
+    glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
+    station.say('joint_states', glitch)
+    wait_until(lambda: 'faster than max_plausible_wheel_speed' in said())
+
+    def broken() -> Iterator[JointState]:
+        for message in messages:
+            message.position = [math.nan, message.position[1]]
+            yield message
+
+    station.say_until(lambda: 'left_wheel_joint = nan' in said(), 'joint_states', broken())
+
+
+def test_a_parameter_of_a_wrong_type_is_refused_and_the_node_goes_on(
+        station: Station, make: Make) -> None:
+    """An empty list for a number, as no command line sends it."""
+    make()
+    for kind in (
+            ParameterType.PARAMETER_DOUBLE_ARRAY, ParameterType.PARAMETER_INTEGER_ARRAY,
+            ParameterType.PARAMETER_STRING):
+        answer = station.call(SetParameters, 'odometry/set_parameters', SetParameters.Request(
+            parameters=[ParameterMessage(
+                name='cmd_vel_timeout', value=ParameterValue(type=kind))]))
+        assert not answer.results[0].successful
+    driving(station)
+
+
+def test_a_qos_override_of_what_is_not_there_is_said(
+        station: Station, make: Make, said: Said) -> None:
+    """A typo would leave the defaults in silence."""
+    make(**{'qos_overrides./odmo.publisher.depth': 5})
+    assert 'qos_overrides./odmo.publisher.depth is no parameter' in said()
+    assert 'the nearest is qos_overrides./odom.publisher.depth' in said()
+
+
+def test_the_example_robot_holds_diagnostics_at_warn(station: Station) -> None:
+    """Until somebody says whose robot it is."""
+    station.add(OdometryNode(context=station.context))
+    last = diagnostics(station)
+    wait_until(last)
+    assert last()['geometry'].level == DiagnosticStatus.WARN
+
+
+def test_joints_of_other_names_are_said_with_those_that_are_waited_for(
+        station: Station, make: Make, said: Callable[[], str]) -> None:
+    """The driver's names are not the parameters'."""
+    make()
+    wait_until(lambda: station.say('joint_states', joints(1, wheel_l=1.0, wheel_r=2.0))
+               or 'heard wheel_l, wheel_r; waiting for left_wheel_joint, right_wheel_joint'
+               in said(), pause=0.2)
+
+
+def test_velocities_alone_are_said_to_need_position_feedback_false(
+        station: Station, make: Make, said: Callable[[], str]) -> None:
+    """Once, not with every message."""
+    make()
+    for k in range(20):
+        station.say('joint_states', JointState(
+            name=['left_wheel_joint', 'right_wheel_joint'], velocity=[1.0, float(k)]))
+        station.say('joint_states', joints(1, arm=1.0))
+    wait_until(lambda: 'position_feedback' in said())
+    time.sleep(0.1)
+    assert said().count('position_feedback') == 1
+
+
+def test_a_sideways_command_is_said_once_and_ignored(
+        station: Station, make: Make, said: Callable[[], str]) -> None:
+    """No wheel can do that."""
+    make()
+    heard = station.hear(JointState, 'wheel_commands')
+    message = twist(0.2, 0.0)
+    message.linear.y = 0.5
+    station.say_until(lambda: len(heard) > 3, 'cmd_vel', itertools.repeat(message))
+    assert list(heard[-1][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.2, 0.0))
+    assert said().count('more than linear.x and angular.z') == 1
+
+
+def test_silent_feedback_stops_the_wheels_when_asked_for(station: Station, make: Make) -> None:
+    """And the next command after it has come back is driven."""
+    make(stop_on_feedback_loss=0.3, cmd_vel_timeout=0)
+    messages, odometry = angles(), station.hear(Odometry, 'odom')
+    station.say_until(lambda: odometry, 'joint_states', messages)
+    heard = driving(station)
+    wait_until(lambda: stands(heard[-1][1]))
+    for _ in range(5):
+        station.say('joint_states', next(messages))
+        station.say('cmd_vel', twist(0.4, 0.1))
+        time.sleep(0.05)
+    assert not stands(heard[-1][1])
+
+
+def test_a_clock_that_stands_still_stops_the_wheels(station: Station, make: Make) -> None:
+    """Simulation time: commands age in it, and a second of real time without it is a timeout."""
+    make(use_sim_time=True, cmd_vel_timeout=100.0)
+    heard = station.hear(JointState, 'wheel_commands')
+
+    def tick(k: int) -> None:
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = 5, k * 1_000_000
+        station.say('/clock', clock)
+        station.say('cmd_vel', twist(0.4, 0.1))
+
+    ticks = itertools.count()
+    wait_until(
+        lambda: (heard and not stands(heard[-1][1])) or tick(next(ticks)), pause=0.02)
+    stopped_ticking = time.monotonic()
+    wait_until(lambda: stands(heard[-1][1]))
+    assert 0.7 < heard[-1][0] - stopped_ticking < 1.5
+
+
+def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
+    """A simulation at a tenth of real time gives them ten times as long."""
+    make(use_sim_time=True, cmd_vel_timeout=0.1)
+    heard = station.hear(JointState, 'wheel_commands')
+    ticks = itertools.count()
+
+    def tick() -> int:
+        k = next(ticks)
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = 5 + k // 1000, k % 1000 * 1_000_000
+        station.say('/clock', clock)
+        return k
+
+    wait_until(lambda: (heard and not stands(heard[-1][1])) or (
+        tick() >= 0 and station.say('cmd_vel', twist(0.4, 0.1))), pause=0.01)
+    first = tick()
+    wait_until(lambda: stands(heard[-1][1]) or tick() < 0, pause=0.01)
+    assert 90 <= next(ticks) - first < 115
+
+
+def test_without_encoders_nothing_is_held_for_their_silence(
+        station: Station, make: Make, said: Said) -> None:
+    """Also where simulation time stands for longer than they might be silent."""
+    node = make(open_loop=True, use_sim_time=True, stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    clock = Clock()
+    clock.clock.sec = 5
+    station.say_until(
+        lambda: node.get_clock().now().nanoseconds, '/clock', itertools.repeat(clock))
+    station.say_until(
+        lambda: node._monitor.silence() > 0.3 and node._command.counts['commands'] > 9,
+        'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
+    assert 'joint_states' not in node._command.complaint
+    assert 'no usable joint_states' not in said()
+
+
+def test_the_last_zero_is_waited_for(station: Station, make: Make) -> None:
+    """On every topic of the wheels, and after it was sent."""
+    node = make(command_interface='per_wheel')
+    node._is_commanding = True
+    order = []
+
+    class Publisher:
+
+        def publish(self, message: object) -> None:
+            order.append(('publish', message.data))
+
+        def wait_for_all_acked(self, timeout: object) -> None:
+            order.append(('wait', timeout.nanoseconds <= 500_000_000))
+
+    node._sender.publishers = [Publisher(), Publisher()]
+    node.stop_wheels()
+    assert order == [('publish', 0.0), ('publish', 0.0), ('wait', True), ('wait', True)]
+
+
+def test_the_transform_is_that_of_odom(station: Station, make: Make) -> None:
+    """Same stamp, frames and pose, where tf2_msgs is."""
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg', reason='no tf2_msgs: see .ci/tf2_msgs')
+    make(tf_frame_prefix='robot1')
+    odometry, transforms = station.hear(Odometry, 'odom'), station.hear(tf2_msgs.TFMessage, '/tf')
+    station.say_until(
+        lambda: len(odometry) > 5 and len(transforms) > 5, 'joint_states', angles())
+    by_stamp = {stamp_ns(message): message for _, message in odometry}
+    [transform] = transforms[-1][1].transforms
+    message = by_stamp[stamp_ns(transform)]
+    assert transform.header.frame_id == message.header.frame_id == 'robot1/odom'
+    assert transform.child_frame_id == message.child_frame_id == 'robot1/base_link'
+    position, translation = message.pose.pose.position, transform.transform.translation
+    assert (translation.x, translation.y) == (position.x, position.y)
+    assert transform.transform.rotation == message.pose.pose.orientation
+
+
+def test_no_transform_is_published_when_it_is_not_wanted(station: Station, make: Make) -> None:
+    """Beside a filter that publishes it."""
+    pytest.importorskip('tf2_msgs.msg', reason='no tf2_msgs: see .ci/tf2_msgs')
+    node = make(enable_odom_tf=False)
+    assert '/tf' not in [publisher.topic_name for publisher in node.publishers]
+
+
+def test_the_namespace_may_be_the_prefix_of_the_frames(station: Station) -> None:
+    """With ~, as diff_drive_controller has it for an empty prefix."""
+    node = OdometryNode(context=station.context, namespace='fleet/r2', parameter_overrides=[
+        Parameter('tf_frame_prefix', value='~')])
+    assert (node._config.odom_frame, node._config.base_frame) == (
+        'fleet/r2/odom', 'fleet/r2/base_link')
+    node.destroy_node()
+
+
+def test_a_diagonal_that_is_set_stands_in_for_the_covariance(
+        station: Station, make: Make) -> None:
+    """The parameters of diff_drive_controller; zeros are not set."""
+    diagonal = [0.001, 0.002, 1e6, 1e5, 1e4, 0.03]
+    make(pose_covariance_diagonal=diagonal)
+    heard = station.hear(Odometry, 'odom')
+    station.say_until(lambda: len(heard) > 3, 'joint_states', angles())
+    pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (
+        heard[-1][1].pose, heard[-1][1].twist))
+    np.testing.assert_array_equal(pose, np.diag(diagonal))
+    assert twist[0, 0] > 0.0
+
+
+def test_only_the_names_of_the_contract_are_used(station: Station, make: Make) -> None:
+    """Others have set_pose, enable, reset, cmd_vel_out and odometry/filtered in a namespace."""
+    node = make(publish_limited_velocity=True)
+
+    def names(found: list[tuple[str, list[str]]]) -> dict[str, str]:
+        return {name: kinds[0] for name, kinds in found
+                if not name.startswith(('/rosout', '/parameter_events')) and 'param' not in name}
+
+    published = names(node.get_publisher_names_and_types_by_node('odometry', '/'))
+    published.pop('/tf', None)  # where tf2_msgs is
+    assert published == {
+        '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+        '/odom': 'nav_msgs/msg/Odometry',
+        '/odometry/cmd_vel_out': 'geometry_msgs/msg/TwistStamped',
+        '/wheel_commands': 'sensor_msgs/msg/JointState'}
+    assert names(node.get_subscriber_names_and_types_by_node('odometry', '/')) == {
+        '/cmd_vel': 'geometry_msgs/msg/Twist',
+        '/joint_states': 'sensor_msgs/msg/JointState',
+        '/odometry/set_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped'}
+    services = names(node.get_service_names_and_types_by_node('odometry', '/'))
+    services.pop('/odometry/get_type_description', None)
+    assert services == {
+        '/odometry/enable': 'std_srvs/srv/SetBool',
+        '/odometry/reset_odometry': 'std_srvs/srv/Trigger'}
+
+
+def test_robots_in_one_domain_keep_to_themselves(station: Station) -> None:
+    """Each in its namespace: the wheels of one do not move the odometry of the other."""
+    nodes = [station.add(OdometryNode(context=station.context, namespace=name)) for name in 'ab']
+    heard = {name: station.hear(Odometry, f'/{name}/odom') for name in 'ab'}
+    station.say_until(lambda: len(heard['a']) > 5, '/a/joint_states', angles())
+    assert heard['b'] == []
+    assert nodes[0]._odom.odometry.pose[0] > 0.0
+    assert nodes[1]._odom.odometry.pose[0] == 0.0

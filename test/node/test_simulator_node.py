@@ -1,0 +1,149 @@
+"""The node simulator: a driver's topics, with the truth beside them."""
+from collections.abc import Callable
+import itertools
+import math
+import signal
+
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import integrate
+from diffdrive_ros.node.simulator_node import SimulatorNode
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from support.station import (
+    GEOMETRY,
+    LEFT_RADIUS,
+    Process,
+    RIGHT_RADIUS,
+    SEPARATION,
+    stamp_ns,
+    Station,
+    wait_until,
+)
+
+Make = Callable[..., SimulatorNode]
+
+NAMES = {'left_wheel_names': ['fl', 'rl'], 'right_wheel_names': ['fr', 'rr']}
+
+
+@pytest.fixture
+def make(station: Station) -> Make:
+    """Return a function that runs the simulator with some parameters."""
+    def make_node(**parameters: object) -> SimulatorNode:
+        overrides = [Parameter(name, value=value) for name, value in (
+            GEOMETRY | NAMES | {'publish_rate': 200.0} | parameters).items()]
+        return station.add(SimulatorNode(context=station.context, parameter_overrides=overrides))
+    return make_node
+
+
+def velocities(message: JointState) -> dict[str, float]:
+    """Return the speed of each joint [rad/s]."""
+    return dict(zip(message.name, message.velocity, strict=True))
+
+
+def is_turning(heard: list, left: float, right: float) -> bool:
+    """Return whether the last message has both sides at these speeds [rad/s]."""
+    if not heard:
+        return False
+    expected = {'fl': left, 'rl': left, 'fr': right, 'rr': right}
+    return velocities(heard[-1][1]) == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize(('form', 'messages'), [
+    ('joint_state', {'wheel_commands': JointState(
+        name=['rr', 'fl', 'fr', 'rl'], velocity=[5.0, -3.0, 5.0, -3.0])}),
+    ('multi_array', {'wheel_commands': Float64MultiArray(data=[-3.0, -3.0, 5.0, 5.0])}),
+    ('per_wheel', {f'{name}/command': Float64(data=speed) for name, speed in (
+        ('fl', -3.0), ('rl', -3.0), ('fr', 5.0), ('rr', 5.0))}),
+])
+def test_the_wheels_turn_as_they_are_told_in_each_form(
+        station: Station, make: Make, form: str, messages: dict) -> None:
+    """And stop when nobody tells them any more."""
+    make(command_interface=form, command_timeout=0.2)
+    heard = station.hear(JointState, 'joint_states')
+    wait_until(lambda: is_turning(heard, 0.0, 0.0))
+
+    def tell() -> None:
+        for topic, message in messages.items():
+            station.say(topic, message)
+
+    wait_until(lambda: is_turning(heard, -3.0, 5.0) or tell(), pause=0.05)
+    wait_until(lambda: is_turning(heard, 0.0, 0.0))
+
+
+def test_a_command_that_is_not_finite_stops_the_wheel(station: Station, make: Make) -> None:
+    """As a motor driver should."""
+    make()
+    heard = station.hear(JointState, 'joint_states')
+    names = ['fl', 'rl', 'fr', 'rr']
+    for speed, turning in ((4.0, 4.0), (math.nan, 0.0)):
+        command = JointState(name=names, velocity=[speed] * 4)
+        station.say_until(
+            lambda turning=turning: is_turning(heard, turning, turning),
+            'wheel_commands', itertools.repeat(command))
+
+
+def test_the_truth_has_the_stamps_of_the_joints_and_is_where_ideal_wheels_lead(
+        station: Station, make: Make) -> None:
+    """Without slip, noise and encoder steps, exact odometry and the truth agree."""
+    make(encoder_ticks=0)
+    joints = station.hear(JointState, 'joint_states')
+    truth = station.hear(Odometry, 'ground_truth')
+    command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[3.0, 3.0, 5.0, 5.0])
+    station.say_until(
+        lambda: truth and truth[-1][1].pose.pose.position.x > 0.1,
+        'wheel_commands', itertools.repeat(command))
+    angles = {stamp_ns(message): message.position for _, message in joints}
+    poses = {stamp_ns(message): message for _, message in truth}
+    shared = sorted(angles.keys() & poses.keys())
+    assert len(shared) > 20
+    left, right = ([angles[stamp][side] for stamp in shared] for side in (0, 2))
+    first = poses[shared[0]].pose.pose
+    start = (first.position.x, first.position.y,
+             2.0 * math.atan2(first.orientation.z, first.orientation.w))
+    expected = integrate(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS), left, right, start)[-1]
+    last = poses[shared[-1]]
+    assert (last.header.frame_id, last.child_frame_id) == ('odom', 'base_link')
+    assert last.pose.pose.position.x == pytest.approx(expected[0], abs=1e-5)
+    assert last.pose.pose.position.y == pytest.approx(expected[1], abs=1e-5)
+    heading = 2.0 * math.atan2(last.pose.pose.orientation.z, last.pose.pose.orientation.w)
+    assert heading == pytest.approx(expected[2], abs=1e-5)
+
+
+def test_crossed_cables_swap_the_sides_of_motors_and_encoders(
+        station: Station, make: Make) -> None:
+    """The truth turns the other way, and joint_states does not show it."""
+    make(crossed_cables=True)
+    heard, truth = station.hear(JointState, 'joint_states'), station.hear(Odometry, 'ground_truth')
+    command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[1.0, 1.0, 6.0, 6.0])
+    station.say_until(
+        lambda: is_turning(heard, 1.0, 6.0), 'wheel_commands', itertools.repeat(command))
+    wait_until(lambda: truth[-1][1].twist.twist.angular.z < -0.1)
+
+
+@pytest.mark.parametrize(('parameters', 'line'), [
+    ({'slip': 1.0}, 'slip = 1.0: must be zero or more and below 1'),
+    ({'wheel_radius': 0.0}, 'wheel_radius = 0.0: must be positive and finite'),
+    ({'wheel_radius': 0.1}, 'wheel_separation = (not set): must be positive and finite; '
+     'wheel_radius came without it'),
+    ({'encoder_ticks': 0.5}, 'encoder_ticks = 0.5: must be an integer'),
+])
+def test_a_wrong_parameter_refuses_to_start(
+        start: Callable[..., Process], parameters: dict, line: str) -> None:
+    """As the node odometry does."""
+    process = start('simulator_node', **parameters)
+    assert process.wait() == 1
+    assert process.output.strip() == f'simulator: /simulator cannot start: {line}'
+
+
+def test_a_name_that_is_no_parameter_is_named_with_the_nearest(
+        station: Station, start: Callable[..., Process]) -> None:
+    """Or the robot is another one than was meant."""
+    process = start('simulator_node', slipp=0.1)
+    wait_until(lambda: station.node.count_publishers('joint_states'))
+    process.signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert 'slipp is no parameter of this node and is not used; the nearest is slip' in (
+        process.output)

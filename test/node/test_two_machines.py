@@ -1,0 +1,237 @@
+"""Node and robot on one host, the driver's station on another, and what the link between does."""
+from collections.abc import Iterator
+import itertools
+import math
+import time
+
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry import integrate
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from support.hosts import Hosts, HostsError, Program
+from support.station import GEOMETRY, LEFT_RADIUS, RIGHT_RADIUS, SEPARATION, stamp_ns, wait_until
+
+DRIVE = DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS)
+TIMEOUT, PERIOD = 0.5, 0.02  # of the commands, and of the wheels', by default
+LATE = 0.1  # what a loaded machine may add to any of the times below
+
+
+@pytest.fixture(scope='module')
+def hosts() -> Iterator[Hosts]:
+    """Return the hosts robot and station."""
+    try:
+        hosts = Hosts()
+    except HostsError as error:
+        pytest.skip(f'there can be no network namespaces here: {error}')
+    yield hosts
+    hosts.close()
+
+
+@pytest.fixture(scope='module')
+def robot(hosts: Hosts) -> Program:
+    """Start the robot and its node; return who hears all that they say, on their own host."""
+    listener = hosts.listen('robot', 'cmd_vel', 'diagnostics', 'ground_truth', 'joint_states',
+                            'odom', 'wheel_commands')
+    given = [word for name, value in GEOMETRY.items() for word in ('-p', f'{name}:={value}')]
+    hosts.start('robot', '-m', 'diffdrive_ros.node.simulator_node', '--ros-args', *given,
+                '-p', 'encoder_ticks:=0')
+    wait_until(lambda: listener.heard['joint_states'] and listener.heard['ground_truth'])
+    hosts.start('robot', '-m', 'diffdrive_ros.node.odometry_node', '--ros-args', *given)
+    wait_until(lambda: listener.heard['odom'])
+    return listener
+
+
+@pytest.fixture(scope='module')
+def station(hosts: Hosts) -> Program:
+    """Start the driver's station: it sends cmd_vel at 20 Hz, and hears odom."""
+    return hosts.listen('station', 'odom')
+
+
+@pytest.fixture
+def link(hosts: Hosts, robot: Program, station: Program) -> Iterator[Hosts]:
+    """Return the hosts while the station drives; in the end, check the odometry of it all."""
+    station.say('0.3 0.7')
+    wait_until(lambda: is_driving(robot) and robot.heard['cmd_vel'] and station.heard['odom'])
+    yield hosts
+    hosts.plug(is_in=True)
+    hosts.set_cable()
+    station.say('0.0 0.0')
+    wait_until(lambda: speeds(robot.heard['wheel_commands'][-1]) == [0.0, 0.0])
+    station.say('')
+    wait_until(lambda: np.abs(speeds(robot.heard['joint_states'][-1])).max() < 1e-6)
+    check_odometry(robot, station)
+
+
+def speeds(heard: tuple) -> list[float]:
+    """Return the speeds in what was heard of the wheels [rad/s]."""
+    return list(heard[1].velocity)
+
+
+def is_driving(robot: Program) -> bool:
+    """Return whether the wheels are told to turn."""
+    return robot.heard['wheel_commands'] and any(speeds(robot.heard['wheel_commands'][-1]))
+
+
+def timeouts(robot: Program) -> int:
+    """Return how many the node has counted, by the next of its diagnostics."""
+    heard = robot.heard['diagnostics']
+    count = len(heard)
+    wait_until(lambda: len(heard) > count)
+    [status] = [each for each in heard[-1][1].status if each.name.endswith('commands')]
+    return int({pair.key: pair.value for pair in status.values}.get('timeouts', 0))
+
+
+def timeouts_while_steady(robot: Program) -> int:
+    """Return the same, once commands come without a gap: a busy machine's link has some."""
+    counts = []
+
+    def is_steady() -> bool:
+        since = time.monotonic()
+        counts.append(timeouts(robot))
+        came = [since, *(at for at, _ in list(robot.heard['cmd_vel']) if at > since)]
+        return np.diff([*came, time.monotonic()]).max() < TIMEOUT / 2.0
+
+    wait_until(is_steady)
+    return counts[-1]
+
+
+def check_stop(robot: Program, cut_at: float, delay: float = 0.0) -> float:
+    """Return when the wheels were told to stop after a cut, which is in time."""
+    heard = robot.heard['wheel_commands']
+    wait_until(lambda: heard[-1][0] > cut_at and not is_driving(robot))
+    stopped_at = next(each[0] for each in heard if each[0] > cut_at and not any(speeds(each)))
+    assert stopped_at - cut_at < delay + TIMEOUT + PERIOD + LATE
+    wait_until(lambda: np.abs(speeds(robot.heard['joint_states'][-1])).max() < 0.01)
+    print(f'zero {stopped_at - cut_at:.3f} s after the cut', end=', ')
+    return stopped_at
+
+
+def check_age(robot: Program, stopped_at: float, delay: float = 0.0) -> None:
+    """Check that the stop was due, counted from when the last command was sent."""
+    age = stopped_at - robot.heard['cmd_vel'][-1][0] + delay
+    assert TIMEOUT - LATE < age < TIMEOUT + PERIOD + LATE
+    print(f'{age:.3f} s after the last command', end=', ')
+
+
+def check_return(robot: Program, station: Program, back_at: float) -> None:
+    """Wait until the wheels turn and the station hears odom again."""
+    wait_until(lambda: is_driving(robot) and station.heard['odom'][-1][0] > back_at)
+    drives_at = next(each[0] for each in robot.heard['wheel_commands']
+                     if each[0] > back_at and any(speeds(each)))
+    hears_at = next(at for at, _ in station.heard['odom'] if at > back_at)
+    print(f'{drives_at - back_at:.3f} s after it is back it drives, '
+          f'and the station hears after {hears_at - back_at:.3f} s')
+
+
+def poses(heard: list[tuple[float, Odometry]]) -> dict[int, np.ndarray]:
+    """Return [x, y, theta] by stamp."""
+    return {stamp_ns(message): np.array([
+        message.pose.pose.position.x, message.pose.pose.position.y,
+        2.0 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w)])
+        for _, message in list(heard)}
+
+
+def distance(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the largest difference of poses, the angle's without whole turns."""
+    difference = one - other
+    difference[..., 2] = np.remainder(difference[..., 2] + math.pi, 2.0 * math.pi) - math.pi
+    return np.abs(difference).max()
+
+
+def check_odometry(robot: Program, station: Program) -> None:
+    """Check each odom since the start against the joint_states of its stamp, and the truth."""
+    now_ns = stamp_ns(robot.heard['joint_states'][-1][1])
+    wait_until(lambda: all(stamp_ns(heard[-1][1]) > now_ns for heard in (
+        robot.heard['odom'], robot.heard['ground_truth'], station.heard['odom'])))
+    found, truth = poses(robot.heard['odom']), poses(robot.heard['ground_truth'])
+    first_ns = min(found)
+    joints = {stamp_ns(message): list(message.position)
+              for _, message in robot.heard['joint_states']
+              if first_ns <= stamp_ns(message) <= now_ns}
+    left, right = np.array(list(joints.values())).T
+    expected = dict(zip(joints, integrate(DRIVE, left, right), strict=True))
+    error = max(distance(found[ns], expected[ns]) for ns in joints)
+    assert error < 1e-6
+    from_truth = max(distance(found[ns], truth[ns]) for ns in joints)
+    assert from_truth < 1e-3
+    heard = poses(station.heard['odom'])
+    assert max(distance(heard[ns], found[ns]) for ns in heard if ns in found) == 0.0
+    x, y, theta = expected[max(expected)]
+    print(f'{len(joints)} poses to {x:.3f} m, {y:.3f} m, {theta:.3f} rad: '
+          f'{error:.1e} from the integral, {from_truth:.1e} from the truth')
+
+
+@pytest.mark.parametrize('cut', ['all frames are lost', 'the plugs are pulled'])
+def test_a_cut_link_stops_the_wheels_in_time_and_they_drive_on_when_it_is_back(
+        link: Hosts, robot: Program, station: Program, cut: str) -> None:
+    """The station sends all the while; nothing is started anew."""
+    before = timeouts_while_steady(robot)
+    is_plug = cut == 'the plugs are pulled'
+    cut_at = link.plug(is_in=False) if is_plug else link.set_cable(loss=1.0)
+    check_age(robot, check_stop(robot, cut_at))
+    assert timeouts(robot) == before + 1
+    assert not is_driving(robot)
+    assert station.heard['odom'][-1][0] < cut_at + LATE
+    check_return(robot, station, link.plug(is_in=True) if is_plug else link.set_cable())
+
+
+@pytest.mark.parametrize('cut', ['all frames are lost', 'the plugs are pulled'])
+def test_what_a_cut_link_kept_back_is_not_driven_when_it_is_too_old(
+        link: Hosts, robot: Program, station: Program, cut: str) -> None:
+    """The driver let go meanwhile, without a zero; what is sent again then is of no use."""
+    is_plug = cut == 'the plugs are pulled'
+    check_stop(robot, link.plug(is_in=False) if is_plug else link.set_cable(loss=1.0))
+    station.say('')
+    silent_at = time.monotonic()
+    wait_until(lambda: time.monotonic() > silent_at + TIMEOUT + 0.1)
+    back_at = link.plug(is_in=True) if is_plug else link.set_cable()
+    wait_until(lambda: (station.heard['odom'][-1][0] > back_at
+                        and robot.heard['wheel_commands'][-1][0] > back_at + 1.5))
+    came = [at - back_at for at, _ in robot.heard['cmd_vel'] if at > back_at]
+    print(f'{len(came)} commands from before came again, {came[:1]} s after')
+    assert not any(
+        any(speeds(each)) for each in robot.heard['wheel_commands'] if each[0] > back_at)
+    station.say('0.3 0.7')
+    wait_until(lambda: is_driving(robot))
+
+
+def test_a_link_that_loses_a_fifth_of_its_packets_drives_on(
+        link: Hosts, robot: Program, station: Program) -> None:
+    """Commands come again before they time out, and a new one comes to the wheels."""
+    before = timeouts(robot)
+    lossy_at = link.set_cable(loss=0.2)
+    wait_until(lambda: time.monotonic() > lossy_at + 10.0, pause=0.05)  # one stall is no mean
+    for command, speed in (('0.2 -0.4', (0.2, -0.4)), ('0.3 0.7', (0.3, 0.7))):
+        expected = pytest.approx(DRIVE.wheel_speeds(*speed))
+        station.say(command)
+        wait_until(lambda expected=expected: (
+            speeds(robot.heard['wheel_commands'][-1]) == expected), timeout=2.0)
+    sent = [any(speeds(each)) for each in robot.heard['wheel_commands'] if each[0] > lossy_at]
+    assert sum(sent) > 0.8 * len(sent)
+    came = [at for at, _ in robot.heard['cmd_vel'] if at > lossy_at]
+    longest = max(b - a for a, b in itertools.pairwise(came))
+    heard = [at for at, _ in station.heard['odom'] if at > lossy_at]
+    print(f'{len(came)} commands, at most {longest:.3f} s apart, {timeouts(robot) - before} '
+          f'timeouts, wheels at zero {len(sent) - sum(sent)} times of {len(sent)}; odom at most '
+          f'{max(b - a for a, b in itertools.pairwise(heard)):.3f} s apart at the station')
+    check_stop(robot, link.set_cable(loss=1.0))
+
+
+def test_a_link_that_is_late_by_100_ms_drives_and_stops_in_time(
+        link: Hosts, robot: Program, station: Program) -> None:
+    """A command's age counts from when it was sent; being late alone is no silence."""
+    before = timeouts_while_steady(robot)
+    late_at = link.set_cable(delay=0.1)
+    wait_until(lambda: time.monotonic() > late_at + 1.5, pause=0.05)
+    to_system_time = time.time() - time.monotonic()
+    ages = [at + to_system_time - stamp_ns(message) * 1e-9
+            for at, message in station.heard['odom'] if at > late_at + 0.2]
+    assert 0.1 < min(ages) < 0.1 + LATE
+    assert is_driving(robot)
+    assert timeouts_while_steady(robot) == before
+    cut_at = link.set_cable(loss=1.0, delay=0.1)
+    check_age(robot, check_stop(robot, cut_at, delay=0.1), delay=0.1)
+    assert robot.heard['cmd_vel'][-1][0] > cut_at
+    print(f'odom was {min(ages):.3f} to {max(ages):.3f} s old')
+    check_return(robot, station, link.set_cable(delay=0.1))

@@ -1,0 +1,257 @@
+"""A browser, a dashboard and what stands between them, for tests."""
+from collections.abc import Callable
+import http.client
+import os
+from pathlib import Path
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from support.station import wait_until
+
+CHROMIUM = shutil.which('chromium')
+
+
+def missing() -> str:
+    """Return what is missing for tests in a browser, or nothing."""
+    if not CHROMIUM:
+        return 'chromium is not installed: apt-get install chromium'
+    for module, package in (
+            ('nicegui', 'nicegui'), ('playwright', 'playwright'),
+            ('axe_playwright_python', 'axe-playwright-python')):
+        try:
+            __import__(module)
+        except ImportError:
+            return f'{package} is not installed'
+    return ''
+
+
+def free_port() -> int:
+    """Return a port of this machine that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+class Dashboard:
+    """The dashboard as a process."""
+
+    def __init__(self, *arguments: str, port: int | None = None) -> None:
+        self.port = port or free_port()
+        # NiceGUI serves in another way where it believes that it is in pytest itself.
+        environment = {
+            name: value for name, value in os.environ.items() if not name.startswith('PYTEST_')}
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'diffdrive_ros.dashboard.main', '--port', str(self.port),
+             *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env=environment)
+        self.output = ''
+        self.url = f'http://127.0.0.1:{self.port}/'
+
+    def wait_until_it_serves(self) -> str:
+        """Return the address that it printed."""
+        deadline = time.monotonic() + 30.0
+        while 'dashboard: http' not in self.output:
+            assert time.monotonic() < deadline, self.output
+            line = self._process.stdout.readline()
+            assert line, f'it ended: {self.output}'
+            self.output += line
+        wait_until(self._answers)
+        return re.search(r'dashboard: (\S+)', self.output)[1]
+
+    def _answers(self) -> bool:
+        try:
+            with socket.create_connection(('127.0.0.1', self.port), 1.0):
+                return True
+        except OSError:
+            return False
+
+    def get(self, path: str = '/', method: str = 'GET', **headers: str) -> tuple[int, str]:
+        """Return status and body of a request; header_name is header-name."""
+        connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=10.0)
+        connection.request(method, path, headers={
+            name.replace('_', '-'): value for name, value in headers.items()})
+        answer = connection.getresponse()
+        body = '' if answer.status == 101 else answer.read().decode(errors='replace')
+        connection.close()
+        return answer.status, body
+
+    @property
+    def number(self) -> int:
+        """Return the number of the process."""
+        return self._process.pid
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
+    def wait(self) -> int:
+        """Return the exit code; output is complete then."""
+        self.output += self._process.communicate(timeout=60)[0]
+        return self._process.returncode
+
+    def close(self) -> None:
+        """End it, and what it started."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(10)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        self._process.communicate()
+
+
+class Link:
+    """A wire to a port of this machine that can be cut, and mended, while it is used."""
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self._is_cut = threading.Event()
+        self._ends = threading.Event()
+        self._listener = socket.create_server(('127.0.0.1', 0))
+        self.url = f'http://127.0.0.1:{self._listener.getsockname()[1]}/'
+        self._threads = [threading.Thread(target=self._accept)]
+        self._threads[0].start()
+
+    def cut(self) -> None:
+        """Let nothing through; what is sent meanwhile waits, as on a network that lost it."""
+        self._is_cut.set()
+
+    def mend(self) -> None:
+        """Let everything through again, what has waited first."""
+        self._is_cut.clear()
+
+    def close(self) -> None:
+        """End it."""
+        self._ends.set()
+        self._is_cut.clear()
+        for thread in self._threads:
+            thread.join()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        while not self._ends.is_set():
+            if select.select([self._listener], [], [], 0.1)[0]:
+                ours, _ = self._listener.accept()
+                theirs = socket.create_connection(('127.0.0.1', self._target))
+                for pair in ((ours, theirs), (theirs, ours)):
+                    self._threads.append(threading.Thread(target=self._pass_on, args=pair))
+                    self._threads[-1].start()
+
+    def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
+        with source:
+            while not self._ends.is_set():
+                if self._is_cut.is_set():
+                    self._ends.wait(0.01)
+                    continue
+                try:
+                    if select.select([source], [], [], 0.02)[0] and not self._is_cut.is_set():
+                        target.sendall(source.recv(65536) or self._raise())
+                except (OSError, ValueError):  # one end is closed, by the other direction perhaps
+                    target.close()
+                    return
+
+    @staticmethod
+    def _raise() -> bytes:
+        raise OSError('the other end is closed')
+
+
+class Browsers:
+    """The processes of a browser that was started here, to be stopped and continued."""
+
+    def __init__(self) -> None:
+        self._numbers = _descendants(os.getpid(), 'chromium')
+        assert self._numbers
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to all of them."""
+        for each in self._numbers:
+            os.kill(each, number)
+
+
+def _descendants(root: int, name: str) -> list[int]:
+    parents, names = {}, {}
+    for number in map(int, filter(str.isdigit, os.listdir('/proc'))):
+        try:
+            head, tail = Path(f'/proc/{number}/stat').read_text().rsplit(')', 1)
+        except OSError:  # it ended meanwhile
+            continue
+        parents[number], names[number] = int(tail.split()[1]), head.partition('(')[2]
+    found = {root}
+    while True:
+        more = {number for number, parent in parents.items() if parent in found} - found
+        if not more:
+            return [number for number in found if names[number].startswith(name)]
+        found |= more
+
+
+class Hands:
+    """What a person does with a page, and what the page tells."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+
+    @property
+    def status(self) -> str:
+        """Return what the page says of how things stand."""
+        return self.page.locator('header [role=status]').inner_text()
+
+    def wait_for(self, words: str) -> None:
+        """Return when the page says so."""
+        from playwright.sync_api import TimeoutError as TooLateError
+
+        try:
+            self.page.wait_for_function(
+                'it => document.querySelector("header [role=status]").innerText.includes(it)',
+                arg=words, timeout=20000)
+        except TooLateError:
+            raise AssertionError(f'{words!r} is not what it says: {self.status!r}') from None
+
+    def press(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
+        """
+        Press a key until something is so, and leave it down.
+
+        On a machine that is busy, pages and servers lose their beat, and then it counts only when
+        it is pressed anew.
+        """
+        deadline = time.monotonic() + timeout
+        self.page.keyboard.down(key)
+        pressed = time.monotonic()
+        while not until():
+            assert time.monotonic() < deadline, self.status
+            self.page.wait_for_timeout(5)
+            if 'press again' in self.status or time.monotonic() - pressed > 3.0:
+                self.page.keyboard.up(key)
+                self.page.wait_for_timeout(200)
+                self.page.keyboard.down(key)
+                pressed = time.monotonic()
+
+    def hold(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
+        """Hold a key until something is so, and release it."""
+        try:
+            self.press(key, until, timeout)
+        finally:
+            self.page.keyboard.up(key)
+
+    def handles(self) -> dict[str, tuple[float, float]]:
+        """Return where on the page the robot can be touched."""
+        box = self.page.locator('canvas').bounding_box()
+        found = self.page.evaluate(
+            'getElement(Number(document.querySelector("canvas").id.slice(1))).handles()')
+        return {name: (box['x'] + x, box['y'] + y) for name, (x, y) in found.items()}
+
+    def drag(self, start: tuple[float, float], right: float, down: float) -> None:
+        """Drag from a place on the page by so many pixels."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        mouse.move(start[0] + right / 2, start[1] + down / 2)
+        mouse.move(start[0] + right, start[1] + down)
+        mouse.up()
