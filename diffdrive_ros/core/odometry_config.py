@@ -29,7 +29,7 @@ class OdometryConfig:
     open_loop: bool
     encoder_wrap: float | None
     max_plausible_wheel_speed: float | None
-    stop_on_feedback_loss: float
+    feedback_timeout: float
     velocity_rolling_window_size: int
     noise: WheelNoise
     geometry_uncertainty: GeometryUncertainty
@@ -40,7 +40,7 @@ class OdometryConfig:
     max_wheel_speed: float | None
     linear_limits: AxisLimits
     angular_limits: AxisLimits
-    command_interface: str
+    wheel_command_type: str
     enable_stamped_cmd_vel: bool
     publish_limited_velocity: bool
 
@@ -74,9 +74,9 @@ class OdometryConfig:
             **optional,
             **{name: values[name] for name in (
                 'left_wheel_direction', 'right_wheel_direction', 'enable_odom_tf',
-                'publish_rate', 'position_feedback', 'open_loop', 'stop_on_feedback_loss',
+                'publish_rate', 'position_feedback', 'open_loop', 'feedback_timeout',
                 'velocity_rolling_window_size', 'cmd_vel_timeout', 'command_rate',
-                'command_interface', 'enable_stamped_cmd_vel', 'publish_limited_velocity')})
+                'wheel_command_type', 'enable_stamped_cmd_vel', 'publish_limited_velocity')})
 
     def wheel_feedback(self) -> WheelFeedback:
         """Return a new WheelFeedback; open loop, it takes the velocities that are commanded."""
@@ -98,11 +98,11 @@ def wheel_names(values: Values) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if len(left) != len(right):
         raise ParameterError(
             'right_wheel_names', list(right), f'must be as many as left_wheel_names, {len(left)}')
-    if values.get('command_interface') == 'per_wheel':
+    if values.get('wheel_command_type') == 'per_wheel':
         for name in (*left, *right):
             if not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*', name):
                 raise ParameterError(
-                    'command_interface', "'per_wheel'", f'must be another form, since {name} '
+                    'wheel_command_type', "'per_wheel'", f'must be another form, since {name} '
                     'cannot stand in the name of a topic')
     if both := sorted(set(left) & set(right)):
         raise ParameterError(

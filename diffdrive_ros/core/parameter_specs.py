@@ -158,8 +158,8 @@ GEOMETRY = (
         _FACTOR, live=True),
 )
 
-_COMMAND_INTERFACE = ParameterSpec(
-    'command_interface', 'joint_state', '',
+_WHEEL_COMMAND_TYPE = ParameterSpec(
+    'wheel_command_type', 'joint_state', '',
     'Form of the wheel commands: joint_state (JointState), multi_array (Float64MultiArray, left '
     'wheels then right), per_wheel (Float64 on <joint>/command) or none.',
     _one_of('joint_state', 'multi_array', 'per_wheel', 'none'))
@@ -228,7 +228,7 @@ ODOMETRY = (
         'A wheel that seems to turn faster is held back until its next sample: a glitch, or a '
         'counter that was reset. .nan: everything is accepted.', _POSITIVE_OR_NAN),
     ParameterSpec(
-        'stop_on_feedback_loss', 0.0, 's',
+        'feedback_timeout', 0.0, 's',
         'The wheels are stopped when joint_states fall silent for this long; 0: they are not.',
         _NOT_NEGATIVE, live=True),
     ParameterSpec(
@@ -270,7 +270,7 @@ ODOMETRY = (
         _POSITIVE_OR_NAN, live=True),
     *_limits('linear.x', 'm'),
     *_limits('angular.z', 'rad'),
-    _COMMAND_INTERFACE,
+    _WHEEL_COMMAND_TYPE,
     ParameterSpec(
         'enable_stamped_cmd_vel', False, '',
         'Commands come as TwistStamped; false: as Twist. The other type is not received.'),
@@ -285,7 +285,7 @@ SIMULATOR = (
         'motor_time_constant', 0.05, 's',
         'After this long a wheel has done 63 % of a change of speed.', _NOT_NEGATIVE),
     ParameterSpec(
-        'encoder_ticks', 4096, '', 'Steps of the encoder per turn of the wheel; 0: none.',
+        'ticks_per_revolution', 4096, '', 'Steps of the encoder per turn of the wheel; 0: none.',
         _NOT_NEGATIVE),
     ParameterSpec(
         'slip', 0.0, '', 'Share of their travel that both wheels lose on the floor.', _SHARE),
@@ -298,12 +298,12 @@ SIMULATOR = (
         'command_timeout', 0.5, 's',
         'The motors stop when no wheel command has come for this long.', _POSITIVE),
     ParameterSpec(
-        'crossed_cables', False, '',
+        'swap_wheels', False, '',
         'Left and right are swapped, motors and encoders, as by a builder in a hurry.',
         live=True),
     ParameterSpec('odom_frame_id', 'odom', '', 'Frame of the true pose.', _NOT_EMPTY),
     ParameterSpec('base_frame_id', 'base_link', '', 'Frame between the wheels.', _NOT_EMPTY),
-    _COMMAND_INTERFACE,
+    _WHEEL_COMMAND_TYPE,
 )
 
 # Names that diff_drive_controller once had, and what replaces them here.

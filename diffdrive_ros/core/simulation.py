@@ -18,24 +18,25 @@ class RobotModel:
     """
     What the simulated robot is made of; SI units, rad, wheel_separation in full.
 
-    motor_time_constant [s]: a wheel has done 63 % of a change of speed after it. encoder_ticks:
-    steps of an encoder per turn of its wheel, 0 for none. slip: share of their travel that both
-    wheels lose on the floor, below 1. travel_noise [m/sqrt(m)]: standard deviation of a wheel's
-    travel over the floor after one metre. Raises ValueError naming what is out of its range.
+    motor_time_constant [s]: a wheel has done 63 % of a change of speed after it.
+    ticks_per_revolution: steps of an encoder per turn of its wheel, 0 for none. slip: share of
+    their travel that both wheels lose on the floor, below 1. travel_noise [m/sqrt(m)]: standard
+    deviation of a wheel's travel over the floor after one metre. Raises ValueError naming what is
+    out of its range.
     """
 
     wheel_separation: float
     left_wheel_radius: float
     right_wheel_radius: float
     motor_time_constant: float = 0.05
-    encoder_ticks: int = 4096
+    ticks_per_revolution: int = 4096
     slip: float = 0.0
     travel_noise: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius'):
             positive(name, getattr(self, name))
-        for name in ('motor_time_constant', 'encoder_ticks', 'slip', 'travel_noise'):
+        for name in ('motor_time_constant', 'ticks_per_revolution', 'slip', 'travel_noise'):
             not_negative(name, getattr(self, name))
         if self.slip >= 1.0:
             raise ValueError(f'slip = {self.slip!r}: must be below 1')
@@ -90,9 +91,9 @@ class SimulatedRobot:
     @property
     def encoders(self) -> Array:
         """Return the angles of the wheels [rad] as their encoders tell them."""
-        if not self.model.encoder_ticks:
+        if not self.model.ticks_per_revolution:
             return self._angles.copy()
-        tick = 2.0 * math.pi / self.model.encoder_ticks
+        tick = 2.0 * math.pi / self.model.ticks_per_revolution
         counts: Array = np.floor(self._angles / tick)
         return counts * tick
 

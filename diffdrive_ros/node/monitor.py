@@ -130,7 +130,7 @@ class Monitor:
         """Say once who else commands the wheels, and who listens for another form of commands."""
         kind = {'joint_state': 'sensor_msgs/msg/JointState',
                 'multi_array': 'std_msgs/msg/Float64MultiArray'}.get(
-                    self._config.command_interface)
+                    self._config.wheel_command_type)
         if not kind:
             return
         commanders = self._node.get_publishers_info_by_topic('wheel_commands')
@@ -142,7 +142,7 @@ class Monitor:
             if end.topic_type != kind:
                 self._say_once(
                     f'{end.node_name} listens to wheel_commands as {end.topic_type} and hears '
-                    'nothing: see command_interface')
+                    'nothing: see wheel_command_type')
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

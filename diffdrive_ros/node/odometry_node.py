@@ -87,7 +87,7 @@ class OdometryNode(Node):
                 publisher.wait_for_all_acked(Duration(seconds=left))
 
     def _create_publishers(self, config: OdometryConfig) -> None:
-        self._sender = SENDERS[config.command_interface](
+        self._sender = SENDERS[config.wheel_command_type](
             self, config.left_wheel_names, config.right_wheel_names)
         self._applied_publisher = None
         if config.publish_limited_velocity:
@@ -135,7 +135,7 @@ class OdometryNode(Node):
         self.get_logger().info(
             f'{"TwistStamped" if config.enable_stamped_cmd_vel else "Twist"} on cmd_vel drives '
             f'{", ".join(config.left_wheel_names)} | {", ".join(config.right_wheel_names)} by '
-            f'{config.command_interface}, {fastest}'
+            f'{config.wheel_command_type}, {fastest}'
             + (f'; wheels stop after {config.cmd_vel_timeout:g} s of silence'
                if config.cmd_vel_timeout else ''))
         self._warn_of_no_timeout(config)
@@ -273,7 +273,7 @@ class OdometryNode(Node):
         return not now_ns or time.monotonic() - self._clock_moved_at > LONGEST_WITHOUT_CLOCK
 
     def _feedback_is_lost(self) -> bool:
-        longest = self._config.stop_on_feedback_loss
+        longest = self._config.feedback_timeout
         return bool(longest) and not self._config.open_loop and self._monitor.silence() > longest
 
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:

@@ -34,14 +34,14 @@ class SimulatorNode(Node):
             model = RobotModel(
                 drive.wheel_separation, drive.left_wheel_radius, drive.right_wheel_radius,
                 **{name: values[name] for name in (
-                    'motor_time_constant', 'encoder_ticks', 'slip', 'travel_noise')})
+                    'motor_time_constant', 'ticks_per_revolution', 'slip', 'travel_noise')})
         except ValueError as error:
             raise runner.StartError(
                 f'{self.get_fully_qualified_name()} cannot start: {error}') from None
         self._robot = SimulatedRobot(model, seed=values['seed'])
         self._timeout = values['command_timeout']
         self._asked = dict.fromkeys((*self._left_names, *self._right_names), 0.0)
-        self._crossed_cables = values['crossed_cables']
+        self._swap_wheels = values['swap_wheels']
         self._simulated_ns = self._published_ns = time.monotonic_ns()
         self._published_encoders = self._robot.encoders
         self._joints = JointState(name=list(self._asked))
@@ -49,7 +49,7 @@ class SimulatorNode(Node):
         self._truth.header.frame_id = values['odom_frame_id']
         self._truth.child_frame_id = values['base_frame_id']
         wheel_commands.receive(
-            self, values['command_interface'], list(self._asked), self._on_speeds)
+            self, values['wheel_command_type'], list(self._asked), self._on_speeds)
         self._joints_publisher = self.create_publisher(
             JointState, 'joint_states', QoSProfile(depth=50))
         self._truth_publisher = self.create_publisher(
@@ -59,13 +59,13 @@ class SimulatorNode(Node):
         self.get_logger().info(
             f'a robot with wheel_separation {model.wheel_separation:g} m, wheel radii '
             f'{model.left_wheel_radius:g} and {model.right_wheel_radius:g} m waits for '
-            f'{values["command_interface"]} on wheel_commands')
+            f'{values["wheel_command_type"]} on wheel_commands')
         self.create_timer(
             1.0 / values['publish_rate'], self._on_timer,
             clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _apply(self, values: dict[str, Any]) -> None:
-        self._crossed_cables = values['crossed_cables']
+        self._swap_wheels = values['swap_wheels']
 
     def _on_speeds(self, speeds: Mapping[str, float]) -> None:
         ours = {name: speed for name, speed in speeds.items() if name in self._asked}
@@ -78,7 +78,7 @@ class SimulatorNode(Node):
             self._catch_up()
             self._asked.update(ours)
             sides = self._mean(self._left_names), self._mean(self._right_names)
-            left, right = reversed(sides) if self._crossed_cables else sides
+            left, right = reversed(sides) if self._swap_wheels else sides
             self._robot.command(left, right, self._timeout)
 
     def _mean(self, names: Sequence[str]) -> float:
@@ -101,7 +101,7 @@ class SimulatorNode(Node):
         seconds = (self._simulated_ns - self._published_ns) * 1e-9
         velocities = (encoders - self._published_encoders) / seconds
         self._published_ns, self._published_encoders = self._simulated_ns, encoders
-        if self._crossed_cables:
+        if self._swap_wheels:
             encoders, velocities = encoders[::-1], velocities[::-1]
         joints = tuple(self._asked)
         self._joints.header.stamp = stamp

@@ -100,7 +100,7 @@ def wheel_angles(cell: Cell) -> Array:
     drive = cell.drive
     robot = SimulatedRobot(RobotModel(
         drive.wheel_separation, drive.left_wheel_radius, drive.right_wheel_radius,
-        encoder_ticks=0))
+        ticks_per_revolution=0))
     angles = [robot.encoders]
     for linear, angular, seconds in PATHS[cell.path]:
         robot.command(*drive.wheel_speeds(linear, angular))

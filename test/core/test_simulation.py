@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
-IDEAL = RobotModel(0.317, 0.0471, 0.0533, motor_time_constant=0.0, encoder_ticks=0)
+IDEAL = RobotModel(0.317, 0.0471, 0.0533, motor_time_constant=0.0, ticks_per_revolution=0)
 
 
 def test_equal_rim_speeds_drive_straight_ahead() -> None:
@@ -78,7 +78,7 @@ def test_a_command_that_is_not_renewed_ends() -> None:
 
 def test_encoders_tell_whole_ticks_and_never_more_than_was_turned() -> None:
     """The step is a turn divided by the ticks."""
-    robot = SimulatedRobot(replace(IDEAL, encoder_ticks=360))
+    robot = SimulatedRobot(replace(IDEAL, ticks_per_revolution=360))
     robot.command(1.0, -1.0)
     robot.advance(0.5)
     ticks = np.degrees(robot.encoders)
@@ -126,7 +126,7 @@ def test_the_same_seed_gives_the_same_robot_and_another_seed_another() -> None:
     ('left_wheel_radius', math.nan, 'must be positive and finite'),
     ('right_wheel_radius', -1.0, 'must be positive and finite'),
     ('motor_time_constant', -0.1, 'must be finite and zero or more'),
-    ('encoder_ticks', -1, 'must be finite and zero or more'),
+    ('ticks_per_revolution', -1, 'must be finite and zero or more'),
     ('slip', 1.0, 'must be below 1'),
     ('travel_noise', math.inf, 'must be finite and zero or more'),
 ])

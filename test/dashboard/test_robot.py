@@ -444,7 +444,7 @@ def test_a_robot_is_real_where_another_than_the_watched_node_may_command_the_whe
         station: Station, make: Callable[..., OdometryNode], node: DashboardNode,
         interface: str, others: list[str]) -> None:
     """Or where its own commands go elsewhere, as to motors by a topic for each wheel."""
-    odometry = make(command_interface=interface)
+    odometry = make(wheel_command_type=interface)
     simulator = station.add(Node('simulator', context=station.context))
     simulator.create_subscription(JointState, 'wheel_commands', print, 1)
     for name in others:

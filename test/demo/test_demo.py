@@ -105,7 +105,7 @@ def test_wheels_swapped_on_the_way_end_the_demo_with_1(demo: Demo, domain: int) 
     try:
         wait_until_driving(station)
         answer = station.call(SetParameters, 'simulator/set_parameters', SetParameters.Request(
-            parameters=[Parameter('crossed_cables', value=True).to_parameter_msg()]))
+            parameters=[Parameter('swap_wheels', value=True).to_parameter_msg()]))
         assert answer.results[0].successful
         assert demo.wait() == 1
     finally:

@@ -184,7 +184,7 @@ def test_time_that_starts_again_twice_before_all_wheels_were_heard_is_answered(
 @pytest.fixture
 def alone(station: Station, start: Callable[..., Process]) -> tuple[Robot, Process]:
     """Return a robot of its own, and its process."""
-    process = start('odometry_node', stop_on_feedback_loss=0.4, cmd_vel_timeout=0, **GEOMETRY,
+    process = start('odometry_node', feedback_timeout=0.4, cmd_vel_timeout=0, **GEOMETRY,
                     **PARAMETERS, **DEEP_AND_RELIABLE)
     return Robot(station), process
 

@@ -193,7 +193,7 @@ def test_a_command_turns_each_wheel_at_its_right_speed(
 
 def test_a_multi_array_has_the_left_wheels_first(station: Station, make: Make) -> None:
     """The form of motor drivers that take an array."""
-    make(command_interface='multi_array')
+    make(wheel_command_type='multi_array')
     heard = station.hear(Float64MultiArray, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.say('cmd_vel', twist(0.1, 0.9))
@@ -203,7 +203,7 @@ def test_a_multi_array_has_the_left_wheels_first(station: Station, make: Make) -
 
 def test_every_wheel_has_a_topic_of_its_own_in_per_wheel(station: Station, make: Make) -> None:
     """The form of one motor driver a wheel."""
-    make(command_interface='per_wheel')
+    make(wheel_command_type='per_wheel')
     left = station.hear(Float64, 'left_wheel_joint/command')
     right = station.hear(Float64, 'right_wheel_joint/command')
     wait_until(lambda: station.node.count_publishers('left_wheel_joint/command'))

@@ -186,7 +186,7 @@ def test_a_signal_stops_the_wheels_at_once_and_the_last_zero_arrives(
         station: Station, start: Start, number: signal.Signals, form: str) -> None:
     """Exit code 0, no traceback, and nothing after the zero."""
     from std_msgs.msg import Float64
-    process = start('odometry_node', command_interface=form, **GEOMETRY)
+    process = start('odometry_node', wheel_command_type=form, **GEOMETRY)
     if form == 'joint_state':
         heard = drive(station)
     else:
@@ -261,8 +261,8 @@ REFUSALS = [
     (GOOD + 'left_wheel_names: []\n    right_wheel_names: []', 'left_wheel_names = '),
     (GOOD + 'left_wheel_names: wheel\n    right_wheel_names: [fr]',
      "left_wheel_names = 'wheel': must be a list of strings"),
-    (GOOD + 'command_interface: pwm',
-     "command_interface = 'pwm': must be one of joint_state, multi_array, per_wheel, none"),
+    (GOOD + 'wheel_command_type: pwm',
+     "wheel_command_type = 'pwm': must be one of joint_state, multi_array, per_wheel, none"),
     (GOOD + 'cmd_vel_timeout: -0.5', 'cmd_vel_timeout = -0.5: must be finite and zero or more'),
     (GOOD + 'command_rate: 0.0', 'command_rate = 0.0: must be from 1 to 1000 Hz'),
     (GOOD + 'open_loop: 1', 'open_loop = 1: must be a bool'),
@@ -270,7 +270,7 @@ REFUSALS = [
      'velocity_rolling_window_size = 0: must be from 1 to 10000'),
     (GOOD + 'base_frame_id: odom', "base_frame_id = 'odom': must differ from odom_frame_id"),
     (GOOD + 'left_wheel_names: [a-b]\n    right_wheel_names: [c]\n    '
-     'command_interface: per_wheel', 'command_interface = '),
+     'wheel_command_type: per_wheel', 'wheel_command_type = '),
 ]
 
 

@@ -172,7 +172,7 @@ def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
 
 def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) -> None:
     """The next command is driven only where nothing does."""
-    make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    make(feedback_timeout=0.1, cmd_vel_timeout=0)
     station.say_until(
         lambda: station.call(SetBool, 'odometry/enable', SetBool.Request(data=True)).message
         == 'the wheels are held: no usable joint_states', 'cmd_vel',
@@ -182,7 +182,7 @@ def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) ->
 def test_the_first_command_is_held_too_where_the_encoders_are_silent(
         station: Station, make: Make) -> None:
     """It is counted with the others."""
-    node = make(stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    node = make(feedback_timeout=0.1, cmd_vel_timeout=0)
     wait_until(lambda: node._monitor.silence() > 0.2)
     station.say('cmd_vel', twist(0.4, 0.1))
     wait_until(lambda: node._command.counts['commands'])
@@ -524,7 +524,7 @@ def test_a_sideways_command_is_said_once_and_ignored(
 
 def test_silent_feedback_stops_the_wheels_when_asked_for(station: Station, make: Make) -> None:
     """And the next command after it has come back is driven."""
-    make(stop_on_feedback_loss=0.3, cmd_vel_timeout=0)
+    make(feedback_timeout=0.3, cmd_vel_timeout=0)
     messages, odometry = angles(), station.hear(Odometry, 'odom')
     station.say_until(lambda: odometry, 'joint_states', messages)
     heard = driving(station)
@@ -578,7 +578,7 @@ def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
 def test_without_encoders_nothing_is_held_for_their_silence(
         station: Station, make: Make, said: Said) -> None:
     """Also where simulation time stands for longer than they might be silent."""
-    node = make(open_loop=True, use_sim_time=True, stop_on_feedback_loss=0.1, cmd_vel_timeout=0)
+    node = make(open_loop=True, use_sim_time=True, feedback_timeout=0.1, cmd_vel_timeout=0)
     clock = Clock()
     clock.clock.sec = 5
     station.say_until(
@@ -592,7 +592,7 @@ def test_without_encoders_nothing_is_held_for_their_silence(
 
 def test_the_last_zero_is_waited_for(station: Station, make: Make) -> None:
     """On every topic of the wheels, and after it was sent."""
-    node = make(command_interface='per_wheel')
+    node = make(wheel_command_type='per_wheel')
     node._is_commanding = True
     order = []
 

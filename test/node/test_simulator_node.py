@@ -61,7 +61,7 @@ def is_turning(heard: list, left: float, right: float) -> bool:
 def test_the_wheels_turn_as_they_are_told_in_each_form(
         station: Station, make: Make, form: str, messages: dict) -> None:
     """And stop when nobody tells them any more."""
-    make(command_interface=form, command_timeout=0.2)
+    make(wheel_command_type=form, command_timeout=0.2)
     heard = station.hear(JointState, 'joint_states')
     wait_until(lambda: is_turning(heard, 0.0, 0.0))
 
@@ -88,7 +88,7 @@ def test_a_command_that_is_not_finite_stops_the_wheel(station: Station, make: Ma
 def test_the_truth_has_the_stamps_of_the_joints_and_is_where_ideal_wheels_lead(
         station: Station, make: Make) -> None:
     """Without slip, noise and encoder steps, exact odometry and the truth agree."""
-    make(encoder_ticks=0)
+    make(ticks_per_revolution=0)
     joints = station.hear(JointState, 'joint_states')
     truth = station.hear(Odometry, 'ground_truth')
     command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[3.0, 3.0, 5.0, 5.0])
@@ -112,10 +112,10 @@ def test_the_truth_has_the_stamps_of_the_joints_and_is_where_ideal_wheels_lead(
     assert heading == pytest.approx(expected[2], abs=1e-5)
 
 
-def test_crossed_cables_swap_the_sides_of_motors_and_encoders(
+def test_swap_wheels_swap_the_sides_of_motors_and_encoders(
         station: Station, make: Make) -> None:
     """The truth turns the other way, and joint_states does not show it."""
-    make(crossed_cables=True)
+    make(swap_wheels=True)
     heard, truth = station.hear(JointState, 'joint_states'), station.hear(Odometry, 'ground_truth')
     command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[1.0, 1.0, 6.0, 6.0])
     station.say_until(
@@ -128,7 +128,7 @@ def test_crossed_cables_swap_the_sides_of_motors_and_encoders(
     ({'wheel_radius': 0.0}, 'wheel_radius = 0.0: must be positive and finite'),
     ({'wheel_radius': 0.1}, 'wheel_separation = (not set): must be positive and finite; '
      'wheel_radius came without it'),
-    ({'encoder_ticks': 0.5}, 'encoder_ticks = 0.5: must be an integer'),
+    ({'ticks_per_revolution': 0.5}, 'ticks_per_revolution = 0.5: must be an integer'),
 ])
 def test_a_wrong_parameter_refuses_to_start(
         start: Callable[..., Process], parameters: dict, line: str) -> None:

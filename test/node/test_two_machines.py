@@ -35,7 +35,7 @@ def robot(hosts: Hosts) -> Program:
                             'odom', 'wheel_commands')
     given = [word for name, value in GEOMETRY.items() for word in ('-p', f'{name}:={value}')]
     hosts.start('robot', '-m', 'diffdrive_ros.node.simulator_node', '--ros-args', *given,
-                '-p', 'encoder_ticks:=0')
+                '-p', 'ticks_per_revolution:=0')
     wait_until(lambda: listener.heard['joint_states'] and listener.heard['ground_truth'])
     hosts.start('robot', '-m', 'diffdrive_ros.node.odometry_node', '--ros-args', *given)
     wait_until(lambda: listener.heard['odom'])
