@@ -16,7 +16,7 @@ demo:  ## drive a simulated robot: make demo ARGS='--path circle'
 dashboard:  ## see and drive a simulated robot in the browser: make dashboard ARGS='--port 8081'
 	@.ci/environment run dashboard --simulate $(ARGS)
 
-lint:  ## ruff, mypy, ament_flake8, ament_pep257
+lint:  ## ruff, oxlint, mypy, ament_flake8, ament_pep257
 	@.ci/environment test .ci/lint
 
 # rclpy then refuses a field of the wrong type, which it otherwise corrupts silently.

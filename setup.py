@@ -50,6 +50,7 @@ setup(
             'flake8-quotes',
             'hypothesis',
             'mypy~=2.4.1',
+            'oxlint~=1.89.0',
             'playwright',
             'pydocstyle',
             'pytest',

@@ -344,14 +344,14 @@ const chart = {
     this.view.x += over(right, width) / this.view.scale;
     this.view.y -= over(down, height) / this.view.scale;
   },
-  drawGrid(pen, line, text) {
+  drawGrid(pen, lineColor, labelColor) {
     const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10].find(
       (each) => each * this.view.scale > 56) ?? 20;
     const [[left, top], [right, bottom]] = [
       this.world([0, 0]), this.world([this.size.width, this.size.height])];
     pen.lineWidth = 1;
-    pen.strokeStyle = line;
-    pen.fillStyle = text;
+    pen.strokeStyle = lineColor;
+    pen.fillStyle = labelColor;
     pen.font = '12px sans-serif';
     for (let i = Math.ceil(left / step); i * step < right; i += 1) {
       const [x] = this.px([i * step, 0]);
