@@ -3,7 +3,7 @@ from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-# package.xml is the one place of the version, the description and the maintainer.
+# package.xml is the one place of what describes the package.
 manifest = ElementTree.parse('package.xml').getroot()
 name = manifest.findtext('name')
 maintainer = manifest.find('maintainer')
@@ -12,6 +12,8 @@ setup(
     name=name,
     version=manifest.findtext('version'),
     description=manifest.findtext('description').strip(),
+    url=manifest.findtext('url'),
+    author=manifest.findtext('author'),
     maintainer=maintainer.text,
     maintainer_email=maintainer.get('email'),
     license=manifest.findtext('license'),
