@@ -20,6 +20,8 @@ CORE = {
                                   'core.odometry'},
     'calibration.end_pose': {'core.validation', 'core.kinematics', 'calibration.linearization'},
     'core.evaluation': {'core.validation', 'core.se2'},
+    'core.replay': {'core.validation', 'core.se2', 'core.evaluation', 'core.odometry_config',
+                    'core.wheel_feedback'},
     'core.wheel_feedback': {'core.validation', 'core.se2', 'core.kinematics'},
     'node.throttled_warning': set(),
     'node.nonblocking_output': set(),
@@ -47,22 +49,22 @@ CORE = {
 OFFLINE = {
     'calibration.fit': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
                          'calibration.linearization'}, {'scipy'}),
-    'tools.logs': ({'core.validation', 'core.wheel_feedback', 'tools.log_messages', 'core.cdr'},
+    'tools.logs': ({'core.validation', 'core.wheel_feedback', 'tools.log_messages', 'core.cdr',
+                    'core.replay'},
                    {'rosbags'}),
     'tools.parameter_file': ({'core.kinematics', 'core.odometry_config', 'core.parameter_specs'},
                              {'yaml'}),
     'tools.replay': (
-        {'core.validation', 'core.evaluation', 'core.wheel_feedback', 'tools.logs',
-         'core.odometry_config',
-         'tools.parameter_file', 'tools.plots', 'core.se2'}, set()),
+        {'core.evaluation', 'core.replay', 'tools.logs', 'tools.parameter_file', 'tools.plots'},
+        set()),
     'tools.calibrate': (
         {'core.validation', 'calibration.fit', 'core.kinematics', 'tools.logs',
          'calibration.end_pose',
-         'core.odometry_config', 'tools.parameter_file',
+         'core.odometry_config', 'core.replay', 'tools.parameter_file',
          'tools.plots', 'tools.replay'}, {'rich', 'threadpoolctl'}),
     'tools.plots': (
         # the types only
-        {'core.validation', 'tools.calibrate', 'calibration.fit', 'tools.logs', 'tools.replay'},
+        {'core.validation', 'core.replay', 'tools.calibrate', 'calibration.fit', 'tools.logs'},
         {'matplotlib'}),
 }
 

@@ -8,6 +8,10 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+class UserError(ValueError):
+    """Input that cannot be used; the message names it, its value and the rule, in one line."""
+
+
 def finite(name: str, value: npt.ArrayLike) -> Array:
     """
     Return a number or numbers as an array of floats, all of them finite.

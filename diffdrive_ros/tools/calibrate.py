@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, TypeVar
 from diffdrive_ros.calibration.end_pose import line_and_turn, umbmark
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry_config import OdometryConfig
+from diffdrive_ros.core.replay import compare, Comparison, first_compared, replay
 from diffdrive_ros.core.validation import Array, plausible
 from diffdrive_ros.tools import logs, parameter_file
 from diffdrive_ros.tools.logs import Log, Wanted
@@ -27,14 +28,10 @@ from diffdrive_ros.tools.parameter_file import RobotParameters
 from diffdrive_ros.tools.replay import (
     add_log_options,
     check_outputs,
-    compare,
-    Comparison,
-    first_compared,
     LOG_HELP,
     OptionError,
     refuse_idle,
     refuse_twice,
-    replay,
 )
 import numpy as np
 

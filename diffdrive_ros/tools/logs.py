@@ -17,6 +17,7 @@ import tempfile
 from typing import TYPE_CHECKING
 
 from diffdrive_ros.core.cdr import JointStateReader, WireError
+from diffdrive_ros.core.replay import Trajectory
 from diffdrive_ros.core.validation import Array
 from diffdrive_ros.core.wheel_feedback import WheelFeedback, WheelSample
 from diffdrive_ros.tools.log_messages import JOINTS, POSES, SeenPose
@@ -48,21 +49,12 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Track:
-    """Poses of a reference, (M, 3), headings continuous, and their stamps [ns], (M,), growing."""
-
-    stamps_ns: npt.NDArray[np.int64]
-    poses: Array
-    frame: str
-
-
-@dataclass(frozen=True)
 class Log:
     """The samples of the wheels, as the node would take them, and the reference, if wanted."""
 
     path: Path
     samples: list[WheelSample]
-    reference: Track | None
+    reference: Trajectory | None
 
     @property
     def name(self) -> str:
@@ -107,7 +99,7 @@ def read(path: Path, feedback: WheelFeedback, wanted: Wanted | None = None) -> L
         complaint = f': {feedback.complaint}' if feedback.complaint else ''
         raise LogError(
             f'{path}: {len(samples)} samples of all wheels, must be 2 or more{complaint}')
-    return Log(path, samples, _track(path, poses) if poses is not None else None)
+    return Log(path, samples, _trajectory(path, poses) if poses is not None else None)
 
 
 # CSV
@@ -321,7 +313,7 @@ def _of_one_child(path: Path, wanted: Wanted, poses: _Poses) -> _Poses:
     return [pose for pose in poses if (pose.frame, pose.child) == only]
 
 
-def _track(path: Path, poses: _Poses) -> Track:
+def _trajectory(path: Path, poses: _Poses) -> Trajectory:
     """Return the poses in the order of their stamps, without those that are none."""
     finite = {pose.stamp_ns: pose for pose in poses if all(map(math.isfinite, pose.pose))}
     if len(finite) < 2:
@@ -329,7 +321,7 @@ def _track(path: Path, poses: _Poses) -> Track:
     stamps = sorted(finite)
     array = np.array([finite[stamp].pose for stamp in stamps])
     array[:, 2] = np.unwrap(array[:, 2])
-    return Track(np.array(stamps), array, finite[stamps[0]].frame)
+    return Trajectory(np.array(stamps), array, finite[stamps[0]].frame)
 
 
 # Out

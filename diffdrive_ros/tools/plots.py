@@ -3,6 +3,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from diffdrive_ros.core.replay import Comparison, Replayed
 from diffdrive_ros.core.validation import Array
 import numpy as np
 
@@ -10,7 +11,6 @@ if TYPE_CHECKING:
     from diffdrive_ros.calibration.fit import Calibration
     from diffdrive_ros.tools.calibrate import Judged
     from diffdrive_ros.tools.logs import Log
-    from diffdrive_ros.tools.replay import Comparison, Replayed
 
 COLOURS = {'before': 'tab:orange', 'after': 'tab:blue', 'odometry': 'tab:blue'}
 ELLIPSES = 12  # along a track
@@ -53,8 +53,8 @@ def draw_tracks(path: Path, title: str, seconds: Array, odometry: Array, truth: 
 
 
 def draw_replay(
-    path: Path, log: 'Log', results: 'Mapping[str, Replayed]',
-    comparisons: 'Mapping[str, Comparison]',
+    path: Path, log: 'Log', results: Mapping[str, Replayed],
+    comparisons: Mapping[str, Comparison],
 ) -> None:
     """Draw a page of one log: tracks with ellipses, errors along the way, speeds of the wheels."""
     figure, ((tracks, errors), (headings, speeds)) = _page(2, 2, (12.0, 10.0))
@@ -97,7 +97,7 @@ def draw_replay(
 
 
 def draw_calibration(
-    path: Path, comparisons: 'Sequence[Mapping[str, Comparison]]', found: 'Calibration',
+    path: Path, comparisons: Sequence[Mapping[str, Comparison]], found: 'Calibration',
     judged: 'Sequence[Judged]',
 ) -> None:
     """Draw a page of a calibration: tracks before and after, their errors, and the residuals."""

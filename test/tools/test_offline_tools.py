@@ -17,9 +17,7 @@ from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate, Odometry, WheelNoise
 from diffdrive_ros.core.odometry_config import OdometryConfig
 from diffdrive_ros.core.parameter_specs import ODOMETRY
-from diffdrive_ros.core.wheel_feedback import WheelSample
 from diffdrive_ros.tools import calibrate, example, logs, parameter_file, replay
-from diffdrive_ros.tools.logs import Track
 from diffdrive_ros.tools.parameter_file import RobotParameters
 import numpy as np
 import pytest
@@ -198,38 +196,6 @@ def test_a_drive_not_seen_ends_nearer_with_the_calibration(calibrated):
     assert figures['after']['ate'] < 0.3 * figures['before']['ate']
     for picture in ('page.png', 'replay.png'):
         assert (calibrated / picture).read_bytes().startswith(b'\x89PNG')
-
-
-def drives_with_noise(count):
-    """Yield samples and the true track of drives whose left wheel slips by chance."""
-    drive, random = DiffDrive(0.30, 0.049, 0.051), np.random.default_rng(9)
-    for _ in range(count):
-        speeds = np.tile(np.repeat([[8.0, 8.5], [8.0, 6.0]], 50, axis=0), (2, 1)) * 0.05
-        angles = np.cumsum(np.vstack([[0.0, 0.0], speeds]), axis=0)
-        # 1e-5 m^2/m of 0.049 m a radian.
-        slips = np.sqrt(1e-5 * speeds[:, 0] / 0.049) * random.normal(size=200)
-        true = integrate(drive, angles[:, 0] + np.append(0.0, np.cumsum(slips)), angles[:, 1])
-        stamps = np.arange(201) * 50_000_000
-        samples = [WheelSample(left, right, stamp) for (left, right), stamp in zip(
-            angles.tolist(), stamps.tolist(), strict=True)]
-        yield samples, Track(stamps, true + 1e-4 * random.normal(size=true.shape), 'world')
-
-
-@pytest.mark.parametrize('begin', [0, 120])
-def test_the_nees_is_one_whenever_the_reference_begins(begin):
-    robot = RobotParameters.of({
-        'wheel_separation': 0.30, 'wheel_radius': 0.05, 'left_wheel_radius_multiplier': 0.98,
-        'right_wheel_radius_multiplier': 1.02, 'left_wheel_travel_variance': 1e-5,
-        'right_wheel_travel_variance': 1e-9, 'turn_variance': 0.0})
-    scores = []
-    for samples, track in drives_with_noise(200):
-        part = Track(track.stamps_ns[begin:], track.poses[begin:], 'world')
-        known_ns = replay.first_compared(samples, part, 0.0)
-        compared = replay.compare(
-            replay.replay(robot.config, samples, known_ns=known_ns), part,
-            reference_std=(1e-4, 1e-4))
-        scores.append(compared.figures.nees_final)
-    assert np.mean(scores) == pytest.approx(1.0, abs=0.12)
 
 
 def test_frames_that_are_fitted_have_no_nees_and_the_table_says_how_they_were(place, capsys):
