@@ -1,4 +1,4 @@
-"""What users of comparable nodes ran into does not happen here: doc/behaviour.md and its tests."""
+"""What users of comparable nodes ran into does not happen here: see doc/known_issues.md."""
 from collections.abc import Callable, Iterator
 import itertools
 import math
@@ -296,7 +296,7 @@ def test_velocities_of_wheels_that_come_apart_are_said_once(
 # The table and the patches
 
 def test_every_row_has_a_test_that_is_there() -> None:
-    """doc/behaviour.md names them, and test/checks/mutants.py reads it."""
+    """doc/known_issues.md names them, and test/checks/mutants.py reads it."""
     tests = mutants.tests_of_rows()
     assert list(tests) == list(range(1, 31))
     for name in itertools.chain(*tests.values()):
