@@ -38,7 +38,7 @@ def test_the_circles_end_within_a_tenth_of_their_nominal_error(circular):
     (SQUARE, 0.065, 0.042),
     pytest.param(OTHER_SQUARE, 0.080, 0.042, marks=pytest.mark.xfail(
         reason='0.0445: on circles the separation is 1 mm larger than on squares, see '
-        'doc/calibration.md')),
+        'doc/calibration_data.md')),
 ])
 def test_squares_that_the_circles_have_not_seen_end_nearer(
         circular, recordings, nominal, at_most):
