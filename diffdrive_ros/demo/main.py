@@ -11,6 +11,7 @@ import importlib.util
 import math
 import os
 from pathlib import Path
+import shutil
 import signal
 import sys
 import time
@@ -158,6 +159,18 @@ def report(console: 'Console', driver: DriverNode, path: str, picture: Path) -> 
             raise DemoError(f'{name} = {value:.3f} {unit}: must be at most {bound} {unit}')
 
 
+def commands_to_type() -> list[str]:
+    """Return the commands that drive and show the running robot, with ros2 or without."""
+    domain = f'ROS_DOMAIN_ID={os.environ.get("ROS_DOMAIN_ID", "0")}'
+    local = f'ROS_AUTOMATIC_DISCOVERY_RANGE={os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"]}'
+    if shutil.which('ros2'):
+        return [f'  export {domain} {local}',
+                '  ros2 run teleop_twist_keyboard teleop_twist_keyboard',
+                '  ros2 topic echo /odom']
+    dashboard = Path(sys.executable).with_name('dashboard')
+    return [f'  {domain} {local} {dashboard}', '  # then open http://127.0.0.1:8080']
+
+
 def run(path: str, picture: Path, keep_running: bool) -> None:
     """Start the robot, drive it, judge the drive; raises DemoError."""
     from rich.console import Console
@@ -177,10 +190,11 @@ def run(path: str, picture: Path, keep_running: bool) -> None:
             drive.wait_for_the_robot()
             drive.drive(path)
             report(console, driver, path, picture)
-            console.print('Drive it yourself in the browser: make dashboard')
+            console.print('PASSED')
             if keep_running:
-                console.print(
-                    'The robot stays: drive it by cmd_vel, watch odom; Ctrl-C ends it.')
+                console.print('Simulator and odometry keep running until Ctrl-C. To drive the '
+                              'robot, type in another terminal:')
+                console.print(*commands_to_type(), sep='\n', soft_wrap=True)
                 drive.stay()
     finally:
         rclpy.try_shutdown()
@@ -208,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         run(options.path, options.output, options.keep_running)
     except (DemoError, RobotEndedError) as failure:
-        sys.exit(f'demo: {failure}')
+        sys.exit(f'demo: FAILED: {failure}')
     except KeyboardInterrupt:
         sys.exit('demo: interrupted')
 

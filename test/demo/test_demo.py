@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 
+from diffdrive_ros.demo.main import commands_to_type
 from nav_msgs.msg import Odometry
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -68,6 +69,7 @@ def test_a_drive_that_went_well_ends_with_0_and_a_picture(demo: Demo, tmp_path: 
     assert demo.wait() == 0, demo.output
     assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
     assert 'position error at the end' in demo.output
+    assert demo.output.splitlines()[-1] == 'PASSED'
 
 
 @pytest.mark.parametrize('victim', ['simulator', 'odometry'])
@@ -82,7 +84,7 @@ def test_a_process_that_dies_ends_the_demo_with_1(
         assert demo.wait() == 1
     finally:
         station.close()
-    assert f'demo: {victim} ended with -9' in demo.output
+    assert f'demo: FAILED: {victim} ended with -9' in demo.output
 
 
 def test_a_process_that_hangs_ends_the_demo_with_1(demo: Demo, domain: int) -> None:
@@ -95,7 +97,7 @@ def test_a_process_that_hangs_ends_the_demo_with_1(demo: Demo, domain: int) -> N
         assert demo.wait() == 1
     finally:
         station.close()
-    assert 'demo: nothing on odom for 2 s' in demo.output
+    assert 'demo: FAILED: nothing on odom for 2 s' in demo.output
 
 
 def test_wheels_swapped_on_the_way_end_the_demo_with_1(demo: Demo, domain: int) -> None:
@@ -111,6 +113,19 @@ def test_wheels_swapped_on_the_way_end_the_demo_with_1(demo: Demo, domain: int) 
     finally:
         station.close()
     assert 'must be at most' in demo.output
+
+
+@pytest.mark.parametrize('has_ros2', [False, True])
+def test_commands_to_type_are_those_that_this_machine_has(
+        monkeypatch: pytest.MonkeyPatch, has_ros2: bool) -> None:
+    """The dashboard of this environment, or teleop and echo, in the domain of the demo."""
+    monkeypatch.setattr('shutil.which', lambda name: '/bin/ros2' if has_ros2 else None)
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    text = '\n'.join(commands_to_type())
+    assert 'ROS_DOMAIN_ID=7 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' in text
+    assert ('ros2 topic echo /odom' in text) == has_ros2
+    assert (str(Path(sys.executable).with_name('dashboard')) in text) != has_ros2
 
 
 def test_a_demo_that_is_interrupted_ends_with_1(demo: Demo) -> None:
