@@ -26,14 +26,16 @@ CORE = {
     'node.throttled_warning': set(),
     'node.nonblocking_output': set(),
     'core.lateness': set(),
-    'core.axis_limits': set(),
+    'core.axis_limits': {'core.validation'},
     'core.wheel_commander': {'core.validation', 'core.se2', 'core.kinematics', 'core.axis_limits'},
     'core.parameter_specs': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry'},
     'core.odometry_config': {
         'core.validation', 'core.se2', 'core.kinematics', 'core.odometry', 'core.wheel_feedback',
         'core.axis_limits', 'core.parameter_specs'},
-    'core.cdr': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry'},
-    'tools.log_messages': {'core.cdr'},
+    'core.quaternion': set(),
+    'core.cdr': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
+                 'core.quaternion'},
+    'tools.log_messages': {'core.cdr', 'core.quaternion'},
     # The judge of the odometry shares no code with it.
     'core.simulation': {'core.validation'},
     # What the dashboard decides, without ROS and without a browser.
@@ -50,7 +52,7 @@ OFFLINE = {
     'calibration.fit': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
                          'calibration.linearization'}, {'scipy'}),
     'tools.logs': ({'core.validation', 'core.wheel_feedback', 'tools.log_messages', 'core.cdr',
-                    'core.replay'},
+                    'core.odometry', 'core.quaternion', 'core.replay'},
                    {'rosbags'}),
     'tools.parameter_file': ({'core.kinematics', 'core.odometry_config', 'core.parameter_specs'},
                              {'yaml'}),
@@ -112,7 +114,8 @@ from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import Odometry
 
 drive = DiffDrive(0.317, 0.0471, 0.0533)
-path, feedback, odometry = CommandPath(drive, 0.5), WheelFeedback(['l'], ['r']), Odometry(drive)
+path, odometry = CommandPath(drive, 0.5), Odometry(drive)
+feedback = WheelFeedback(left_names=['l'], right_names=['r'])
 path.accept(2.0 * pi, 2.0 * pi, 0)
 sent = path.step(0)
 for tenths in range(11):

@@ -67,7 +67,7 @@ def linearize(
     shrink, (dx, dy) = se2.chord_over_arc(half), np.diff(poses[:, :2], axis=0).T
     cos, sin = np.cos(heading), np.sin(heading)
     # u_D and u_omega of doc/kinematics.md, section 9, (M - 1, 3).
-    bend = 0.5 * distance * _shrink_rate(half)
+    bend = 0.5 * distance * se2.chord_over_arc_rate(half)
     one, zero = np.ones_like(turn), np.zeros_like(turn)
     by_turn = np.stack([bend * cos - 0.5 * dy, bend * sin + 0.5 * dx, one], axis=-1)
     by_distance = np.stack([shrink * cos, shrink * sin, zero], axis=-1)
@@ -112,14 +112,3 @@ def _running_sum(values: Array) -> Array:
 def _spread(variance: Array, by: Array) -> Array:
     return _running_sum(
         variance[:, np.newaxis, np.newaxis] * by[:, :, np.newaxis] * by[:, np.newaxis, :])
-
-
-def _shrink_rate(half: Array) -> Array:
-    """Return the derivative of sin(a) / a, by its series where the rest cancels."""
-    small = np.abs(half) < 0.1
-    square = half * half
-    a = np.where(small, 1.0, half)
-    return np.where(
-        small,
-        -half / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (1.0 - square / 54.0))),
-        (np.cos(a) - np.sin(a) / a) / a)

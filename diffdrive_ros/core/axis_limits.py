@@ -7,9 +7,10 @@ for the angular one; forward is the positive direction. What is not limited has 
 """
 from dataclasses import dataclass, fields
 import math
-from numbers import Real
 import sys
 from typing import NamedTuple
+
+from diffdrive_ros.core.validation import finite_number, real_number
 
 # What switches a family of limits off by being nan, and what is without effect then.
 _FAMILIES = {
@@ -59,7 +60,7 @@ class AxisLimits:
             value, sign, side = getattr(self, name), 1.0, 'more'
             if name in _NOT_POSITIVE:
                 sign, side = -1.0, 'less'
-            number = _number(value)
+            number = real_number(value)
             if number is None or sign * number < 0.0:
                 raise ValueError(f'{name} = {value!r}: must be zero or {side}, or nan (not set)')
             object.__setattr__(self, name, number)
@@ -95,9 +96,9 @@ class AxisLimits:
         time passes, with a dt of zero or less, it stays at last. Raises ValueError for anything
         not finite.
         """
-        target, last = _finite('target', target), _finite('last', last)
-        before_last, dt = _finite('before_last', before_last), _finite('dt', dt)
-        dt_before = _finite('dt_before', dt if dt_before is None else dt_before)
+        target, last = finite_number('target', target), finite_number('last', last)
+        before_last, dt = finite_number('before_last', before_last), finite_number('dt', dt)
+        dt_before = finite_number('dt_before', dt if dt_before is None else dt_before)
         if dt <= 0.0:
             return last
         low, high = self._velocities
@@ -179,19 +180,3 @@ def _ramp_forward(target: float, last: float, dt: float, here: _Rates, there: _R
 
 def _set_or(value: float, default: float) -> float:
     return default if math.isnan(value) else value
-
-
-def _finite(name: str, value: float) -> float:
-    """Return a number as a finite float, or raise ValueError."""
-    number = _number(value)
-    if number is None or not math.isfinite(number):
-        raise ValueError(f'{name} = {value!r}: must be finite')
-    return number
-
-
-def _number(value: object) -> float | None:
-    """Return a number as a float, and None for what is none or too large for one."""
-    try:
-        return float(value) if isinstance(value, Real) else None
-    except OverflowError:
-        return None

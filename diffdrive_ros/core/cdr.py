@@ -8,14 +8,15 @@ patch the few that change, costs a tenth of what the conversion from and to mess
 """
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
-from math import cos, sin, sqrt
+from math import sqrt
 from struct import calcsize, Struct, unpack_from
 from typing import Any
 
-from diffdrive_ros.core.odometry import Estimate, Triangle
+from diffdrive_ros.core.odometry import Estimate, Triangle, UNKNOWN_VARIANCE
+from diffdrive_ros.core.quaternion import quaternion_of_heading
 
-# The variance of what wheels do not measure: large, yet such that filters can still invert it.
-UNKNOWN = 1e6
+# Rows and columns of x, y and yaw in a message's covariance of x, y, z, roll, pitch, yaw.
+PLANAR = 0, 1, 5
 
 END_OF_TIME_NS = 2**31 * 1_000_000_000  # of a stamp, whose seconds are of 32 bits with a sign
 BEFORE_ITS_END = 'must be before 2038'
@@ -219,15 +220,15 @@ class OdometryWriter:
         if self._pose_covariance is not None:
             pose_covariance = self._pose_covariance
         xx, xy, xt, yy, yt, tt = pose_covariance
-        if not (xx <= UNKNOWN and yy <= UNKNOWN and tt <= UNKNOWN):
+        if not (xx <= UNKNOWN_VARIANCE and yy <= UNKNOWN_VARIANCE and tt <= UNKNOWN_VARIANCE):
             xx, xy, xt, yy, yt, tt = _capped(xx, xy, xt, yy, yt, tt)
         if self._twist_covariance is not None:
             twist_covariance = self._twist_covariance
         vv, vs, vw, ss, sw, ww = twist_covariance
-        if not (vv <= UNKNOWN and ss <= UNKNOWN and ww <= UNKNOWN):
+        if not (vv <= UNKNOWN_VARIANCE and ss <= UNKNOWN_VARIANCE and ww <= UNKNOWN_VARIANCE):
             vv, vs, vw, ss, sw, ww = _capped(vv, vs, vw, ss, sw, ww)
         seconds = stamp_ns // 1_000_000_000
-        q_z, q_w = _rotation(theta)
+        q_z, q_w = quaternion_of_heading(theta)
         return self._pack(  # not more than 30 arguments, for more would go by way of a list
             LITTLE_ENDIAN, seconds, stamp_ns - seconds * 1_000_000_000, self._frames,
             x, y, q_z, q_w,
@@ -247,16 +248,10 @@ class TransformWriter:
     def write(self, stamp_ns: int, x: float, y: float, theta: float) -> bytes:
         """Return the payload of the transform to a pose."""
         seconds = stamp_ns // 1_000_000_000
-        q_z, q_w = _rotation(theta)
+        q_z, q_w = quaternion_of_heading(theta)
         return self._pack(
             self._before, seconds, stamp_ns - seconds * 1_000_000_000, self._frames,
             x, y, q_z, q_w)
-
-
-def _rotation(theta: float) -> tuple[float, float]:
-    """Return z and w of the quaternion of a heading [rad], of the two the one with w >= 0."""
-    q_z, q_w = sin(0.5 * theta), cos(0.5 * theta)
-    return (q_z, q_w) if q_w >= 0.0 else (-q_z, -q_w)
 
 
 def _frames(start: int, *names: str) -> bytes:
@@ -271,13 +266,14 @@ def _frames(start: int, *names: str) -> bytes:
 def _of_diagonal(variances: Diagonal) -> tuple[Triangle | None, bytes]:
     """Return the covariance in the plane, and the rows of z, roll and pitch as bytes."""
     if variances is None:
-        return None, _UNUSED.pack(UNKNOWN, UNKNOWN, UNKNOWN)
-    x, y, z, roll, pitch, yaw = (variance or UNKNOWN for variance in variances)
+        return None, _UNUSED.pack(UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE)
+    x, y, z, roll, pitch, yaw = (variance or UNKNOWN_VARIANCE for variance in variances)
     return (x, 0.0, 0.0, y, 0.0, yaw), _UNUSED.pack(z, roll, pitch)
 
 
 def _capped(xx: float, xy: float, xt: float, yy: float, yt: float, tt: float) -> Triangle:
-    """Return a covariance with no variance above UNKNOWN, scaled so that it stays one."""
-    x, y, theta = (sqrt(UNKNOWN / max(variance, UNKNOWN)) for variance in (xx, yy, tt))
-    return (min(xx, UNKNOWN), xy * x * y, xt * x * theta, min(yy, UNKNOWN), yt * y * theta,
-            min(tt, UNKNOWN))
+    """Return a covariance scaled to variances of UNKNOWN_VARIANCE at most; it stays one."""
+    limit = UNKNOWN_VARIANCE
+    x, y, theta = (sqrt(limit / max(variance, limit)) for variance in (xx, yy, tt))
+    return (min(xx, limit), xy * x * y, xt * x * theta, min(yy, limit), yt * y * theta,
+            min(tt, limit))

@@ -234,6 +234,9 @@ LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
 # A pose that is given with more is not known; propagated, it would soon not be finite.
 LARGEST_VARIANCE = 1e12  # [m^2], [rad^2]
 
+# In messages, of what wheels do not measure: large, yet filters can still invert it.
+UNKNOWN_VARIANCE = 1e6  # [m^2], [rad^2] and their rates
+
 Triangle = tuple[float, float, float, float, float, float]
 """The upper triangle of a covariance of [x, y, theta] or its rates: xx, xy, xt, yy, yt, tt."""
 

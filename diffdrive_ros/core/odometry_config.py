@@ -81,9 +81,10 @@ class OdometryConfig:
     def wheel_feedback(self) -> WheelFeedback:
         """Return a new WheelFeedback; open loop, it takes the velocities that are commanded."""
         return WheelFeedback(
-            self.left_wheel_names, self.right_wheel_names,
-            self.position_feedback and not self.open_loop, self.left_wheel_direction,
-            self.right_wheel_direction, self.encoder_wrap, self.max_plausible_wheel_speed)
+            left_names=self.left_wheel_names, right_names=self.right_wheel_names,
+            left_direction=self.left_wheel_direction, right_direction=self.right_wheel_direction,
+            position_feedback=self.position_feedback and not self.open_loop,
+            encoder_wrap=self.encoder_wrap, max_plausible_speed=self.max_plausible_wheel_speed)
 
     def odometry(self) -> Odometry:
         """Return a new Odometry at the origin."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from diffdrive_ros.core.odometry import WheelNoise
+from diffdrive_ros.core.odometry import UNKNOWN_VARIANCE, WheelNoise
 
 Values = Mapping[str, Any]
 
@@ -126,7 +126,8 @@ _JOINT_NAMES = Rule(
     lambda value: 0 < len(value) == len(set(value)) and '' not in value)
 _DIAGONAL = Rule(
     'must be 6 variances, each zero or more and at most 1e6',
-    lambda value: len(value) == 6 and all(0.0 <= variance <= 1e6 for variance in value))
+    lambda value: len(value) == 6 and all(
+        0.0 <= variance <= UNKNOWN_VARIANCE for variance in value))
 
 GEOMETRY = (
     ParameterSpec(

@@ -41,16 +41,23 @@ def vectors(name: str, value: npt.ArrayLike, size: int) -> Array:
     return array
 
 
+def finite_number(name: str, value: float) -> float:
+    """Return a single number that is finite, or raise ValueError."""
+    if (number := real_number(value)) is None or not math.isfinite(number):
+        raise ValueError(f'{name} = {value!r}: must be finite')
+    return number
+
+
 def positive(name: str, value: float) -> float:
     """Return a single number that is positive and finite, or raise ValueError."""
-    if not 0.0 < (number := _number(value)) < math.inf:
+    if (number := real_number(value)) is None or not 0.0 < number < math.inf:
         raise ValueError(f'{name} = {value!r}: must be positive and finite')
     return number
 
 
 def not_negative(name: str, value: float) -> float:
     """Return a single number that is finite and zero or more, or raise ValueError."""
-    if not 0.0 <= (number := _number(value)) < math.inf:
+    if (number := real_number(value)) is None or not 0.0 <= number < math.inf:
         raise ValueError(f'{name} = {value!r}: must be finite and zero or more')
     return number
 
@@ -69,11 +76,9 @@ def plausible(name: str, found: float, nominal: float) -> float:
     return found
 
 
-def _number(value: object) -> float:
-    """Return a number as a float, and nan for what is none or too large for one."""
+def real_number(value: object) -> float | None:
+    """Return a real number as a float; None for another type and for an overflow."""
     try:
-        if isinstance(value, Real) and not isinstance(value, bool):
-            return float(value)
-        return math.nan
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
     except OverflowError:
-        return math.nan
+        return None

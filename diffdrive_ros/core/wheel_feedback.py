@@ -62,7 +62,7 @@ _Turn = tuple[_Wheel, float, float, str]
 """What a value says: of which wheel, the value, the new angle [rad], what was special about it."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class WheelFeedback:
     """
     The state of every wheel, renewed by each message that brings it.

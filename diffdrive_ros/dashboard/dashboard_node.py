@@ -7,6 +7,7 @@ import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from diffdrive_ros.core.quaternion import quaternion_of_heading
 from diffdrive_ros.dashboard.teleop import Twist as PilotTwist
 from diffdrive_ros.node import clock, runner
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
@@ -171,7 +172,7 @@ class DashboardNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         pose = message.pose.pose
         pose.position.x, pose.position.y = float(x), float(y)
-        pose.orientation.z, pose.orientation.w = math.sin(theta / 2.0), math.cos(theta / 2.0)
+        pose.orientation.z, pose.orientation.w = quaternion_of_heading(theta)
         self._set_pose.publish(message)
 
     async def ask(self, service: str, request: Any) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 from diffdrive_ros.core.odometry_config import diff_drive, wheel_names
 from diffdrive_ros.core.parameter_specs import checked_values, GEOMETRY
+from diffdrive_ros.core.quaternion import heading_of_quaternion
 from diffdrive_ros.dashboard import ellipse, remote_parameters
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, NoAnswerError
 from diffdrive_ros.dashboard.remote_parameters import RemoteParameter
@@ -299,8 +300,8 @@ def hold_in(status: Any) -> str:
 
 def pose_of(message: Any) -> Pose | None:
     """Return the pose of an Odometry message, theta in [-pi, pi]; None if it is not finite."""
-    position, orientation = message.pose.pose.position, message.pose.pose.orientation
-    theta = 2.0 * math.atan2(orientation.z, orientation.w)
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    theta = heading_of_quaternion(q.x, q.y, q.z, q.w)
     if not all(map(math.isfinite, (position.x, position.y, theta))):
         return None
-    return position.x, position.y, math.remainder(theta, 2.0 * math.pi)
+    return position.x, position.y, theta

@@ -1,8 +1,8 @@
 """The demo's driver: commands by cmd_vel, and an ear for what robot and odometry say."""
-import math
 import time
 from typing import Any
 
+from diffdrive_ros.core.quaternion import heading_of_quaternion
 from diffdrive_ros.core.validation import Array
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -74,6 +74,5 @@ def _stamp_ns(message: Any) -> int:
 
 
 def _pose(message: Any) -> tuple[float, float, float]:
-    pose = message.pose.pose
-    theta = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-    return pose.position.x, pose.position.y, theta
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    return position.x, position.y, heading_of_quaternion(q.x, q.y, q.z, q.w)

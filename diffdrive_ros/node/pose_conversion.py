@@ -2,11 +2,10 @@
 import math
 from typing import Any
 
+from diffdrive_ros.core.cdr import PLANAR
+from diffdrive_ros.core.quaternion import heading_of_quaternion
 from diffdrive_ros.core.validation import Array
 import numpy as np
-
-# Where x, y and yaw stand in the six rows and columns of a message's covariance.
-PLANAR = (0, 1, 5)
 
 # From here on [m] the motion of a wheel would be lost in the rounding.
 LARGEST = 1e9
@@ -30,4 +29,5 @@ def read_pose(message: Any) -> tuple[Array, Array | None]:
         raise ValueError(f'position = ({x}, {y}): must be finite and below {LARGEST:g} m')
     covariance = np.reshape(message.pose.covariance, (6, 6))
     planar = covariance[np.ix_(PLANAR, PLANAR)]
-    return np.array([x, y, 2.0 * math.atan2(q.z, q.w)]), planar if planar.any() else None
+    heading = heading_of_quaternion(q.x, q.y, q.z, q.w)
+    return np.array([x, y, heading]), planar if planar.any() else None

@@ -8,6 +8,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diffdrive_ros.core.odometry_config import diff_drive, wheel_names
 from diffdrive_ros.core.parameter_specs import SIMULATOR
+from diffdrive_ros.core.quaternion import quaternion_of_heading
 from diffdrive_ros.core.simulation import RobotModel, SimulatedRobot
 from diffdrive_ros.node import parameters, runner, wheel_commands
 from nav_msgs.msg import Odometry as OdometryMessage
@@ -115,7 +116,7 @@ class SimulatorNode(Node):
         pose, twist = self._truth.pose.pose, self._truth.twist.twist
         self._truth.header.stamp = stamp
         pose.position.x, pose.position.y = x, y
-        pose.orientation.z, pose.orientation.w = math.sin(theta / 2.0), math.cos(theta / 2.0)
+        pose.orientation.z, pose.orientation.w = quaternion_of_heading(theta)
         twist.linear.x, twist.angular.z = linear, angular
         self._truth_publisher.publish(self._truth)
 

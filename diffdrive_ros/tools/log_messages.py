@@ -1,8 +1,8 @@
 """The poses of a log, out of bytes: full deserialisers take several times as long."""
-import math
 from typing import NamedTuple
 
 from diffdrive_ros.core.cdr import Scan
+from diffdrive_ros.core.quaternion import heading_of_quaternion
 
 
 class SeenPose(NamedTuple):
@@ -45,8 +45,5 @@ POSES = {
 
 def _planar(scan: Scan) -> tuple[float, float, float]:
     """Return a Pose in the plane; nan for a heading of no rotation."""
-    x, y, _, q_x, q_y, q_z, q_w = scan.pose()
-    if not 0.0 < q_x * q_x + q_y * q_y + q_z * q_z + q_w * q_w < math.inf:
-        return x, y, math.nan
-    return x, y, math.atan2(
-        2.0 * (q_w * q_z + q_x * q_y), q_w * q_w + q_x * q_x - q_y * q_y - q_z * q_z)
+    x, y, _, *rotation = scan.pose()
+    return x, y, heading_of_quaternion(*rotation)

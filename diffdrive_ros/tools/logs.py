@@ -16,7 +16,9 @@ import struct
 import tempfile
 from typing import TYPE_CHECKING
 
-from diffdrive_ros.core.cdr import JointStateReader, WireError
+from diffdrive_ros.core.cdr import JointStateReader, PLANAR, WireError
+from diffdrive_ros.core.odometry import UNKNOWN_VARIANCE
+from diffdrive_ros.core.quaternion import quaternion_of_heading
 from diffdrive_ros.core.replay import Trajectory
 from diffdrive_ros.core.validation import Array
 from diffdrive_ros.core.wheel_feedback import WheelFeedback, WheelSample
@@ -339,9 +341,9 @@ def write_tum(path: Path, stamps_ns: Sequence[int], poses: Array) -> None:
     """Write poses as TUM's text: stamp x y z q_x q_y q_z q_w."""
     with path.open('w', encoding='utf-8') as file:
         for stamp_ns, (x, y, theta) in zip(stamps_ns, poses.tolist(), strict=True):
+            q_z, q_w = quaternion_of_heading(theta)
             file.write(
-                f'{_seconds(stamp_ns)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2.0):.9f} '
-                f'{math.cos(theta / 2.0):.9f}\n')
+                f'{_seconds(stamp_ns)} {x:.9f} {y:.9f} 0 0 0 {q_z:.9f} {q_w:.9f}\n')
 
 
 def write_odometry(
@@ -355,18 +357,13 @@ def write_odometry(
     values[:, 43], values[:, 44], values[:, 48] = twists.T
     for begin, covariances in ((7, pose_covariances), (49, twist_covariances)):
         wide = np.zeros((len(stamps_ns), 6, 6))
-        wide[:, (2, 3, 4), (2, 3, 4)] = UNKNOWN
+        wide[:, (2, 3, 4), (2, 3, 4)] = UNKNOWN_VARIANCE
         wide[np.ix_(range(len(stamps_ns)), PLANAR, PLANAR)] = covariances
         values[:, begin:begin + 36] = wide.reshape(-1, 36)
     frames = _padded(_padded(_string(odom_frame), 4) + _string(base_frame), 8)
     with _Writer(path, {'/odom': 'nav_msgs/msg/Odometry'}) as writer:
         for stamp_ns, row in zip(stamps_ns, values, strict=True):
             writer.write('/odom', stamp_ns, frames + row.astype('<f8').tobytes())
-
-
-UNKNOWN = 1e6
-"""The variance of what wheels do not measure, as the node publishes it."""
-PLANAR = (0, 1, 5)
 
 
 def _string(text: str) -> bytes:
@@ -438,7 +435,7 @@ class DriveWriter(_Writer):
         """Write a PoseStamped of a pose in the plane."""
         x, y, theta = pose
         body = _padded(_string(frame), 8) + struct.pack(
-            '<7d', x, y, 0.0, 0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
+            '<7d', x, y, 0.0, 0.0, 0.0, *quaternion_of_heading(theta))
         self.write(self._reference, stamp_ns, body)
 
 

@@ -76,7 +76,9 @@ class FeedbackEpisode(Episode):
         self.wrap = draw.choice((None, 10.0 ** draw.uniform(0.5, 4.0)))
         self.fastest = draw.choice((None, draw.uniform(5.0, 100.0)))
         self.feedback = WheelFeedback(
-            self.left, self.right, self.by_position, *self.directions, self.wrap, self.fastest)
+            left_names=self.left, right_names=self.right, position_feedback=self.by_position,
+            left_direction=self.directions[0], right_direction=self.directions[1],
+            encoder_wrap=self.wrap, max_plausible_speed=self.fastest)
         self.is_wild = draw.random() < 0.5  # in its rubbish
         self.window = draw.choice((1, 2, 10))
         self.odometry = Odometry(

@@ -22,17 +22,18 @@ def velocities_of(**speeds):
 
 @pytest.fixture
 def two_wheels():
-    return WheelFeedback(['left'], ['right'])
+    return WheelFeedback(left_names=['left'], right_names=['right'])
 
 
 @pytest.fixture
 def four_wheels():
-    return WheelFeedback(['front_left', 'rear_left'], ['front_right', 'rear_right'])
+    return WheelFeedback(
+        left_names=['front_left', 'rear_left'], right_names=['front_right', 'rear_right'])
 
 
 @pytest.fixture
 def by_velocity():
-    return WheelFeedback(['left'], ['right'], position_feedback=False)
+    return WheelFeedback(left_names=['left'], right_names=['right'], position_feedback=False)
 
 
 # Names
@@ -52,7 +53,7 @@ def test_the_wheels_of_each_side_are_averaged(four_wheels):
 
 
 def test_sides_may_have_different_numbers_of_wheels():
-    feedback = WheelFeedback(['left'], ['front', 'middle', 'rear'])
+    feedback = WheelFeedback(left_names=['left'], right_names=['front', 'middle', 'rear'])
     message = positions_of(left=1.0, front=1.0, middle=2.0, rear=6.0)
     assert feedback.update(*message, 7) == WheelSample(1.0, 3.0, 7)
 
@@ -101,7 +102,8 @@ def test_the_sample_has_the_newest_stamp_even_if_that_message_came_first(two_whe
 @given(st.permutations(range(8)))
 def test_a_sample_comes_once_per_round_of_all_wheels_and_never_early(order):
     names = ['a', 'b', 'c', 'd'] * 2
-    feedback, seen, samples = WheelFeedback(['a', 'b'], ['c', 'd']), set(), 0
+    feedback = WheelFeedback(left_names=['a', 'b'], right_names=['c', 'd'])
+    seen, samples = set(), 0
     for stamp, index in enumerate(order):
         seen.add(names[index])
         sample = feedback.update(*positions_of(**{names[index]: 1.0}), stamp)
@@ -122,7 +124,8 @@ def test_a_sample_comes_once_per_round_of_all_wheels_and_never_early(order):
 def test_messages_like_the_last_are_taken_as_any_others_are(messages):
     """Lists are never known again, tuples are."""
     tuples, lists = (
-        WheelFeedback(['left'], ['front', 'rear'], right_direction=-1) for _ in range(2))
+        WheelFeedback(left_names=['left'], right_names=['front', 'rear'], right_direction=-1)
+        for _ in range(2))
     stamp_ns = EPOCH_NS
     for names, values, later_ns in messages:
         stamp_ns += later_ns

@@ -25,7 +25,7 @@ class DamagedDrive(RuleBasedStateMachine):
     def begin(self, start: tuple[float, float]) -> None:
         """Start with encoders that say anything: the first sample is the baseline."""
         self.feedback = WheelFeedback(
-            ['left'], ['right'], right_direction=-1, encoder_wrap=WRAP,
+            left_names=['left'], right_names=['right'], right_direction=-1, encoder_wrap=WRAP,
             max_plausible_speed=FASTEST)
         self.now = 1_700_000_000 * SECOND
         self.counter = list(start)  # of the encoders, before it wraps
@@ -153,7 +153,8 @@ TestDamagedDrive.settings = settings(
 
 def test_what_happened_is_counted() -> None:
     """By the words in which diagnostics say it."""
-    feedback = WheelFeedback(['l'], ['r'], encoder_wrap=10.0, max_plausible_speed=50.0)
+    feedback = WheelFeedback(
+        left_names=['l'], right_names=['r'], encoder_wrap=10.0, max_plausible_speed=50.0)
 
     def say(stamp_ms: int, left: float, right: float) -> None:
         feedback.update(['l', 'r'], [left, right], [], stamp_ms * 1_000_000)
@@ -176,7 +177,7 @@ def test_what_happened_is_counted() -> None:
 
 def test_a_velocity_says_nothing_about_a_long_silence() -> None:
     """A driver that paused for longer than a second left the wheels' motion unknown."""
-    feedback = WheelFeedback(['l'], ['r'], position_feedback=False)
+    feedback = WheelFeedback(left_names=['l'], right_names=['r'], position_feedback=False)
     feedback.update(['l', 'r'], [], [3.0, 4.0], 0)
     after = feedback.update(['l', 'r'], [], [3.0, 4.0], 1_000_000_001)
     assert (after.left, after.right) == (0.0, 0.0)
@@ -186,7 +187,8 @@ def test_a_velocity_says_nothing_about_a_long_silence() -> None:
 
 def test_a_velocity_that_no_wheel_reaches_is_dropped() -> None:
     """max_plausible_wheel_speed holds for velocities too."""
-    feedback = WheelFeedback(['l'], ['r'], position_feedback=False, max_plausible_speed=20.0)
+    feedback = WheelFeedback(
+        left_names=['l'], right_names=['r'], position_feedback=False, max_plausible_speed=20.0)
     feedback.update(['l', 'r'], [], [3.0, 4.0], 0)
     assert feedback.update(['l', 'r'], [], [3.0, -20.1], 100_000_000) is None
     after = feedback.update(['l', 'r'], [], [3.0, 4.0], 200_000_000)

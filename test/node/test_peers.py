@@ -97,7 +97,7 @@ def test_stamps_that_do_not_advance_publish_nothing_and_lose_nothing(
 @pytest.mark.parametrize('by', [0.3, -0.3])
 def test_a_counter_wraps_both_ways(by: float) -> None:
     """And the angle goes on."""
-    feedback = WheelFeedback(['l'], ['r'], encoder_wrap=10.0)
+    feedback = WheelFeedback(left_names=['l'], right_names=['r'], encoder_wrap=10.0)
     samples = [feedback.update(['l', 'r'], [(k * by) % 10.0, 5.0], [], k * MS) for k in range(90)]
     assert [sample.left for sample in samples] == pytest.approx([k * by for k in range(90)])
 
@@ -106,7 +106,7 @@ def test_a_counter_wraps_both_ways(by: float) -> None:
 def test_a_jump_is_held_until_the_next_sample_tells_what_it_was(
         after: float, angle: float) -> None:
     """A glitch loses nothing, a reset the one step in which it happened."""
-    feedback = WheelFeedback(['l'], ['r'], max_plausible_speed=20.0)
+    feedback = WheelFeedback(left_names=['l'], right_names=['r'], max_plausible_speed=20.0)
     feedback.update(['l', 'r'], [1.0, 0.0], [], 0)
     assert feedback.update(['l', 'r'], [40.0, 0.0], [], 20 * MS) is None
     sample = feedback.update(['l', 'r'], [after, 0.0], [], 40 * MS)
@@ -219,7 +219,8 @@ def test_a_second_publisher_of_joint_states_is_said_once(
 def test_feedback_of_an_inverted_wheel_counts_backward(directions: tuple[int, int]) -> None:
     """Each side has a sign of its own."""
     left, right = directions
-    feedback = WheelFeedback(['l'], ['r'], left_direction=left, right_direction=right)
+    feedback = WheelFeedback(
+        left_names=['l'], right_names=['r'], left_direction=left, right_direction=right)
     feedback.update(['l', 'r'], [0.0, 0.0], [], 0)
     sample = feedback.update(['l', 'r'], [3.0, 5.0], [], MS)
     assert (sample.left, sample.right) == (left * 3.0, right * 5.0)

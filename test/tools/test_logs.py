@@ -19,7 +19,7 @@ PERIOD_NS = 20_000_000
 
 def feedback():
     """Return the way in of the wheels."""
-    return WheelFeedback([WHEELS[0]], [WHEELS[1]])
+    return WheelFeedback(left_names=[WHEELS[0]], right_names=[WHEELS[1]])
 
 
 def recorded(kind='nav_msgs/msg/Odometry', count=50, topic='/mocap', stamps=START_NS):
@@ -153,7 +153,7 @@ def test_what_a_bag_does_not_have_is_said_with_what_it_has(tmp_path):
     with pytest.raises(LogError, match=r'on /odom; it has .*/mocap \(Odometry\)'):
         logs.read(folder, feedback(), Wanted(reference='/odom'))
     with pytest.raises(LogError, match=r'no sample of l on joint_s.*joints are arm, left_'):
-        logs.read(folder, WheelFeedback(['l'], [WHEELS[1]]))
+        logs.read(folder, WheelFeedback(left_names=['l'], right_names=[WHEELS[1]]))
     with pytest.raises(LogError, match='no such file'):
         logs.read(tmp_path / 'nothing.mcap', feedback())
     (tmp_path / 'empty').mkdir()
