@@ -4,9 +4,11 @@ from collections.abc import Iterator
 import configparser
 import doctest
 from importlib import metadata
+import math
 from pathlib import Path
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import types
@@ -19,8 +21,10 @@ from diffdrive_ros.core.parameter_specs import (
     SIMULATOR,
 )
 import pytest
+from rclpy.parameter import get_parameter_value
 from support import parameter_tables
 from support.documents import anchors, Block, blocks, commands, links, PAGES, TOP
+from support.station import Station, wait_until
 import yaml
 
 SPECS = {'odometry': ODOMETRY, 'simulator': SIMULATOR}
@@ -244,18 +248,37 @@ def counted() -> set[str]:
     return found
 
 
-def test_systemd_unit_starts_an_executable_without_ros2_run() -> None:
-    """It sources a workspace and becomes the node."""
+def test_systemd_unit_starts_the_node_itself(tmp_path: Path, station: Station) -> None:
+    """What systemd starts becomes the node, which SIGINT ends; in a workspace made for it."""
     block, = blocks('ini')
     unit = configparser.ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read_string(block.text)
-    shell, option, script = shlex.split(unit['Service']['ExecStart'])
-    assert (shell, option) == ('/bin/bash', '-c')
-    subprocess.run([shell, '-n', '-c', script], check=True)
-    source, program = script.split(' && exec ')
-    assert source.endswith('/install/setup.bash')
-    path = Path(program.split()[0])
-    assert path.parts[-4:-1] == ('diffdrive_ros', 'lib', 'diffdrive_ros')
-    assert path.name in executables()
-    assert unit['Service']['KillSignal'] == 'SIGINT'
+    program = re.search(r'exec (\S+)', unit['Service']['ExecStart'])[1]
+    workspace, name = re.fullmatch(
+        r'(.*)/install/diffdrive_ros/lib/diffdrive_ros/(\w+)', program).groups()
+    home = workspace.rpartition('/')[0]
+    assert name in executables()
+    executable = tmp_path / program.removeprefix(home + '/')
+    executable.parent.mkdir(parents=True)
+    executable.write_text(
+        f'#!{sys.executable}\nfrom diffdrive_ros.node.odometry_node import main\nmain()\n')
+    executable.chmod(0o755)
+    (tmp_path / workspace.removeprefix(home + '/') / 'install' / 'setup.bash').touch()
+    (tmp_path / 'robot.yaml').write_text((TOP / 'config' / 'robot.yaml').read_text())
+    command = shlex.split(unit['Service']['ExecStart'].replace(home, str(tmp_path)))
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        wait_until(lambda: 'odometry' in station.node.get_node_names())
+        process.send_signal(signal.Signals[unit['Service']['KillSignal']])
+        output = process.communicate(timeout=10.0)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 0, output
+
+
+def test_nan_on_the_command_line_needs_its_dot() -> None:
+    """As node.md has it, for ros2 param set, which reads values by this function."""
+    assert math.isnan(get_parameter_value('.nan').double_value)
+    assert get_parameter_value('nan').string_value == 'nan'

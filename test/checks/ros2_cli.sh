@@ -66,13 +66,28 @@ expect 'successful' ros2 param set /odometry left_wheel_radius_multiplier 1.01
 expect 'successful' ros2 param set /odometry cmd_vel_timeout 1
 expect 'must be from 0.1 to 10' ros2 param set /odometry left_wheel_radius_multiplier -- -1.0
 expect 'read-only' ros2 param set /odometry wheel_radius 0.05
+expect 'successful' ros2 param set /odometry max_wheel_speed .nan
+expect 'Setting parameter failed' ros2 param set /odometry max_wheel_speed nan
 expect '/cmd_vel: geometry_msgs/msg/Twist' ros2 node info /odometry
 expect 'success=True' ros2 service call /odometry/reset_odometry std_srvs/srv/Trigger
+expect 'success=True' ros2 service call /odometry/enable std_srvs/srv/SetBool '{data: false}'
+expect 'success=True' ros2 service call /odometry/enable std_srvs/srv/SetBool '{data: true}'
 
 echo '$ cat odometry.log'
 cat odometry.log
 grep -q 'example robot' odometry.log
 kill -INT -- "-$node"
-wait "$node" && echo 'Ctrl-C ended odometry with exit code 0'
+wait "$node"
+echo 'Ctrl-C ended odometry with exit code 0'
 grep -q Traceback odometry.log && { echo 'FAILED: a traceback'; exit 1; }
+
+# As a service starts and stops it: ros2 run would not forward SIGTERM.
+echo '$ install/diffdrive_ros/lib/diffdrive_ros/odometry --ros-args --params-file robot.yaml &'
+install/diffdrive_ros/lib/diffdrive_ros/odometry \
+  --ros-args --params-file "$package/config/robot.yaml" > odometry.log 2>&1 &
+node=$!
+until ros2 node list | grep -q /odometry; do sleep 0.5; done
+kill -TERM "$node"
+wait "$node"
+echo 'SIGTERM ended odometry with exit code 0'
 echo 'all of it works'
