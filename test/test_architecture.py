@@ -31,7 +31,7 @@ CORE = {
     'core.parameter_specs': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry'},
     'core.odometry_config': {
         'core.validation', 'core.se2', 'core.kinematics', 'core.odometry', 'core.wheel_feedback',
-        'core.axis_limits', 'core.parameter_specs'},
+        'core.axis_limits', 'core.parameter_specs', 'core.wheel_commander'},
     'core.quaternion': set(),
     'core.cdr': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
                  'core.quaternion'},
@@ -108,13 +108,13 @@ for name in 'rclpy', 'builtin_interfaces.msg', 'rcl_interfaces.msg', 'sensor_msg
 DRIVE_A_CIRCLE = """
 from math import pi
 
-from diffdrive_ros.core.wheel_commander import CommandPath
+from diffdrive_ros.core.wheel_commander import WheelCommander
 from diffdrive_ros.core.wheel_feedback import WheelFeedback
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import Odometry
 
 drive = DiffDrive(0.317, 0.0471, 0.0533)
-path, odometry = CommandPath(drive, 0.5), Odometry(drive)
+path, odometry = WheelCommander(drive, timeout=0.5), Odometry(drive)
 feedback = WheelFeedback(left_names=['l'], right_names=['r'])
 path.accept(2.0 * pi, 2.0 * pi, 0)
 sent = path.step(0)

@@ -9,6 +9,7 @@ from diffdrive_ros.core.axis_limits import AxisLimits
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import GeometryUncertainty, Odometry, WheelNoise
 from diffdrive_ros.core.parameter_specs import ParameterError, Values
+from diffdrive_ros.core.wheel_commander import WheelCommander
 from diffdrive_ros.core.wheel_feedback import WheelFeedback
 
 
@@ -91,6 +92,14 @@ class OdometryConfig:
         return Odometry(
             self.drive, window=self.velocity_rolling_window_size, noise=self.noise,
             geometry_uncertainty=self.geometry_uncertainty)
+
+    def wheel_commander(self) -> WheelCommander:
+        """Return a new WheelCommander."""
+        return WheelCommander(
+            self.drive, timeout=self.cmd_vel_timeout, max_wheel_speed=self.max_wheel_speed,
+            linear_limits=self.linear_limits, angular_limits=self.angular_limits,
+            period=1.0 / self.command_rate, left_direction=self.left_wheel_direction,
+            right_direction=self.right_wheel_direction)
 
 
 def wheel_names(values: Values) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -6,12 +6,28 @@ silence, a command that is not finite and a hold bring the target to zero, and t
 limits alone say how fast the robot gets there.
 """
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, KW_ONLY, replace
+from enum import Enum
 import math
 
 from diffdrive_ros.core.axis_limits import AxisLimits
 from diffdrive_ros.core.kinematics import desaturate, DiffDrive
 import numpy as np
+
+
+class Inhibit(str, Enum):
+    """What keeps the wheels at zero, by the words of /diagnostics."""
+
+    DISABLED = 'disabled'
+    FEEDBACK_TIMEOUT = 'feedback_timeout'
+    CLOCK_STALL = 'clock_stall'
+
+
+REASONS = {  # for a person to read
+    Inhibit.DISABLED: 'disabled by ~/enable',
+    Inhibit.FEEDBACK_TIMEOUT: 'no usable joint_states',
+    Inhibit.CLOCK_STALL: '/clock stands still',
+}
 
 
 @dataclass(frozen=True)
@@ -34,18 +50,18 @@ NO_LIMITS = AxisLimits()
 
 
 @dataclass
-class CommandPath:
+class WheelCommander:
     """
     The last command and what becomes of it.
 
     A timeout [s] of 0 is none; max_wheel_speed [rad/s] of None is no limit; period [s] is the time
     from one step to the next; the directions are -1 for joints that turn backward when the robot
-    drives forward. The settings may be changed between two calls. holds, which hold() changes, are
-    reasons to keep the wheels at zero, in words for a person: while there is one, commands are not
-    taken.
+    drives forward. The settings may be changed between two calls. While there is one of the
+    inhibits, which inhibit() changes, the wheels are kept at zero and commands are not taken.
     """
 
     drive: DiffDrive
+    _: KW_ONLY
     timeout: float
     max_wheel_speed: float | None = None
     linear_limits: AxisLimits = NO_LIMITS
@@ -53,7 +69,7 @@ class CommandPath:
     period: float = 0.02
     left_direction: int = 1
     right_direction: int = 1
-    holds: set[str] = field(default_factory=set, init=False)
+    inhibits: set[Inhibit] = field(default_factory=set, init=False)
     counts: Counter[str] = field(default_factory=Counter, init=False)
     """How often what happened, by the words in which diagnostics say it."""
 
@@ -74,15 +90,15 @@ class CommandPath:
     @property
     def complaint(self) -> str:
         """Return why the wheels are stopped, for a person to read; '' when they are not."""
-        return ', '.join(sorted(self.holds)) or self._complaint
+        return ', '.join(REASONS[each] for each in sorted(self.inhibits)) or self._complaint
 
-    def hold(self, reason: str, is_so: bool) -> None:
-        """Add a reason to hold the wheels, which forgets the last command, or take it away."""
-        if is_so:
-            self.holds.add(reason)
+    def inhibit(self, inhibit: Inhibit, is_active: bool) -> None:
+        """Keep the wheels at zero, which forgets the last command, or end that."""
+        if is_active:
+            self.inhibits.add(inhibit)
             self._linear = self._angular = 0.0
         else:
-            self.holds.discard(reason)
+            self.inhibits.discard(inhibit)
 
     def accept(self, linear: float, angular: float, now_ns: int, late_ns: int = 0) -> None:
         """
@@ -95,16 +111,16 @@ class CommandPath:
         self._count('commands')
         if not self._is_drivable(linear, angular):
             self._received_ns = now_ns
-            self._count('not finite')
+            self._count('not_finite')
             self._stop(f'command ({linear} m/s, {angular} rad/s): must be finite')
         elif self.timeout and abs(late_ns) > self.timeout * 1e9 and (linear or angular):
             self._count('late')
             if not (self._linear or self._angular):
                 self._complaint = (f'commands come {abs(late_ns) * 1e-9:.1f} s '
                                    f'{"late" if late_ns > 0 else "early"}, or by another clock')
-        elif self.holds:
+        elif self.inhibits:
             self._received_ns = now_ns
-            self._count('held')
+            self._count('inhibited')
             self._stop('')
         else:
             self._received_ns = now_ns - max(late_ns, 0)
@@ -147,7 +163,7 @@ class CommandPath:
             return seconds
         # Simulation time stands still or starts again: what is not limited changes all the same,
         # and what has to stop for that stops.
-        return self.period if self.holds else A_MOMENT
+        return self.period if self.inhibits else A_MOMENT
 
     def _valid_until_ns(self, now_ns: int) -> float:
         """Return until when the target holds, if no other is asked for."""
@@ -174,7 +190,7 @@ class CommandPath:
             asked = left, right
             left, right = map(float, desaturate(left, right, self.max_wheel_speed))
             if (left, right) != asked:
-                self._count('desaturated')
+                self._count('saturated')
                 linear, angular = map(float, self.drive.body_twist(left, right))
         return WheelCommand(  # plus 0.0: no zero has a sign
             self.left_direction * left + 0.0, self.right_direction * right + 0.0, linear, angular)

@@ -12,7 +12,7 @@ time itself starts again (a bag that loops, a simulation that is reset), the nex
 """
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, KW_ONLY
 import math
 from typing import NamedTuple
 
@@ -76,6 +76,7 @@ class WheelFeedback:
 
     left_names: Sequence[str]
     right_names: Sequence[str]
+    _: KW_ONLY
     position_feedback: bool = True
     left_direction: int = 1
     right_direction: int = 1

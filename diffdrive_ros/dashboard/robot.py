@@ -270,7 +270,7 @@ class DashboardRobot:
         """Return why the node holds the wheels, or held them since the last look, if so."""
         reason = self.hold
         for status in self.node.told_of_commands():  # none is missed, however short it was
-            refused = next((each.value for each in status.values if each.key == 'held'), '0')
+            refused = next((each.value for each in status.values if each.key == 'inhibited'), '0')
             if self._refused not in (None, refused):
                 reason = reason or 'the node refused a command'
             self._refused = refused

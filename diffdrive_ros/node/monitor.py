@@ -3,7 +3,7 @@ from collections import Counter
 import time
 
 from diffdrive_ros.core.odometry_config import OdometryConfig
-from diffdrive_ros.core.wheel_commander import CommandPath
+from diffdrive_ros.core.wheel_commander import Inhibit, WheelCommander
 from diffdrive_ros.node.diagnostics import DiagnosticsSender, ERROR, OK, Status, WARN
 from diffdrive_ros.node.odom_publisher import OdomPublisher
 from rclpy.clock import Clock, ClockType
@@ -17,7 +17,7 @@ class Monitor:
     """Looks at the paths of feedback and commands once a second, and reports what it sees."""
 
     def __init__(
-        self, node: Node, config: OdometryConfig, odom: OdomPublisher, command: CommandPath,
+        self, node: Node, config: OdometryConfig, odom: OdomPublisher, command: WheelCommander,
         is_example: bool,
     ) -> None:
         self._node, self._config, self._is_example = node, config, is_example
@@ -25,7 +25,7 @@ class Monitor:
         self._looked_at = time.monotonic()
         self._samples_then = self._commands_then = 0
         self._sample_rate = self._command_rate = 0.0
-        self._holds_then: set[str] = set()
+        self._inhibits_then: set[Inhibit] = set()
         self._commanded_at = self._looked_at
         self._counts_then: Counter[str] = Counter()
         self._said: set[str] = set()
@@ -36,9 +36,9 @@ class Monitor:
         """Return how long ago the last sample of the wheels was, or the start [s]."""
         return time.monotonic() - self._odom.sampled_at
 
-    def look_at_holds(self) -> None:
+    def look_at_inhibits(self) -> None:
         """Report at once when the wheels begin or cease to be held: it may be over in a moment."""
-        if self._command.holds != self._holds_then:
+        if self._command.inhibits != self._inhibits_then:
             self._report()
 
     def _look(self) -> None:
@@ -54,7 +54,7 @@ class Monitor:
         self._report()
 
     def _report(self) -> None:
-        self._holds_then = set(self._command.holds)
+        self._inhibits_then = set(self._command.inhibits)
         self._sender.send(
             self._node.get_clock().now().to_msg(), self._feedback_status(),
             self._command_status(), self._geometry_status())
@@ -94,9 +94,10 @@ class Monitor:
 
     def _command_status(self) -> Status:
         command, rate = self._command, self._command_rate
-        figures = {'rate [Hz]': f'{rate:.1f}', **dict(command.counts)}
+        figures = {'rate [Hz]': f'{rate:.1f}', 'inhibits': ','.join(sorted(command.inhibits)),
+                   **dict(command.counts)}
         if command.complaint:
-            is_parked = not command.holds and self._looked_at - self._commanded_at > PARKED
+            is_parked = not command.inhibits and self._looked_at - self._commanded_at > PARKED
             return Status('commands', OK if is_parked else WARN, f'stopped: {command.complaint}',
                           figures)
         return Status(

@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from diffdrive_ros.core.lateness import ALIKE_NS, Lateness
 from diffdrive_ros.core.odometry_config import OdometryConfig
 from diffdrive_ros.core.parameter_specs import ODOMETRY, RETIRED, Values
-from diffdrive_ros.core.wheel_commander import CommandPath, STOP
+from diffdrive_ros.core.wheel_commander import Inhibit, STOP
 from diffdrive_ros.node import parameters, rclpy_internals, runner
 from diffdrive_ros.node.clock import steady_ns
 from diffdrive_ros.node.message_info import with_time_sent
@@ -32,10 +32,6 @@ FROM_ANY_DRIVER = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
 LONGEST_WITHOUT_CLOCK = 1.0  # [s] until a /clock that stands still is a timeout
 LONGEST_LAST_WORD = 0.5  # [s] that the node waits for drivers to acknowledge its last zero
 
-DISABLED = 'disabled by ~/enable'
-NO_FEEDBACK = 'no usable joint_states'
-NO_CLOCK = '/clock stands still'
-
 
 class OdometryNode(Node):
     """
@@ -55,10 +51,7 @@ class OdometryNode(Node):
             raise runner.StartError(
                 f'{self.get_fully_qualified_name()} cannot start: {error}') from None
         self._odom = OdomPublisher(self, config)
-        self._command = CommandPath(
-            config.drive, config.cmd_vel_timeout, config.max_wheel_speed, config.linear_limits,
-            config.angular_limits, 1.0 / config.command_rate, config.left_wheel_direction,
-            config.right_wheel_direction)
+        self._command = config.wheel_commander()
         parameters.follow_changes(self, ODOMETRY, self._config_of, self._apply)
         self._lateness = Lateness(_alike_ns(config.cmd_vel_timeout))
         self._sent = STOP
@@ -190,14 +183,14 @@ class OdometryNode(Node):
         if not self._is_simulated:
             late_ns, believed_ns = self._lateness.of(sent_ns, steady_ns(), time.time_ns())
             if believed_ns:
-                self._command.counts['taken for another clock'] += 1
+                self._command.counts['clock_offsets'] += 1
                 self.get_logger().warning(
                     f'cmd_vel goes on to come {abs(believed_ns) * 1e-9:.1f} s '
                     f'{"late" if believed_ns > 0 else "early"}: taken for that of another clock')
         self._follow_the_clock()
         now_ns = self._command_ns()
         if self._timer.is_canceled():
-            self._hold_where_due(now_ns)
+            self._inhibit_where_due(now_ns)
         self._command.accept(linear.x, angular.z, now_ns, late_ns)
         self._start_commanding()
 
@@ -248,7 +241,7 @@ class OdometryNode(Node):
             joints = (*self._config.left_wheel_names, *self._config.right_wheel_names)
             speeds = of_each(joints, self._sent.left, self._sent.right)
             self._odom.take(joints, (), speeds, now_ns, stamp_ns)
-        self._hold_where_due(now_ns)
+        self._inhibit_where_due(now_ns)
         self._sent = self._command.step(now_ns)
         if self._is_commanding:
             self._sender.send(self._sent.left, self._sent.right, stamp)
@@ -258,11 +251,11 @@ class OdometryNode(Node):
                 self._applied_message.twist.angular.z = self._sent.angular
                 self._applied_publisher.publish(self._applied_message)
         self._command_complaints.look(self._command.complaint)
-        self._monitor.look_at_holds()
+        self._monitor.look_at_inhibits()
 
-    def _hold_where_due(self, now_ns: int) -> None:
-        self._command.hold(NO_CLOCK, self._clock_stands_still(now_ns))
-        self._command.hold(NO_FEEDBACK, self._feedback_is_lost())
+    def _inhibit_where_due(self, now_ns: int) -> None:
+        self._command.inhibit(Inhibit.CLOCK_STALL, self._clock_stands_still(now_ns))
+        self._command.inhibit(Inhibit.FEEDBACK_TIMEOUT, self._feedback_is_lost())
 
     def _clock_stands_still(self, now_ns: int) -> bool:
         """Return whether simulation time has not moved for long, on the steady clock."""
@@ -297,11 +290,11 @@ class OdometryNode(Node):
         return response
 
     def _on_enable(self, request: Any, response: Any) -> Any:
-        self._command.hold(DISABLED, not request.data)
+        self._command.inhibit(Inhibit.DISABLED, not request.data)
         self._start_commanding()
-        self._monitor.look_at_holds()
+        self._monitor.look_at_inhibits()
         response.success = True
-        held = self._command.complaint if self._command.holds else ''
+        held = self._command.complaint if self._command.inhibits else ''
         response.message = f'the wheels are held: {held}' if held else 'the next command is driven'
         return response
 

@@ -7,8 +7,8 @@ WheelFeedback into Odometry as in the node: stretches of rubbish, of which nothi
 that nothing breaks and all that comes out is finite, and stretches of valid messages. Those have
 to be answered from the fourth on at the latest, and then each exactly: the angles by what the
 wheels did, the poses by integrate(), the twists by the Jacobian. The others go through
-CommandPath, with holds, timeouts and live changes of every setting, against a model of when zero
-is due.
+WheelCommander, with inhibits, timeouts and live changes of every setting, against a model of when
+zero is due.
 """
 import argparse
 from array import array
@@ -25,7 +25,7 @@ import traceback
 from diffdrive_ros.core.axis_limits import AxisLimits
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, Odometry, WheelNoise
-from diffdrive_ros.core.wheel_commander import CommandPath, WheelCommand
+from diffdrive_ros.core.wheel_commander import Inhibit, WheelCommand, WheelCommander
 from diffdrive_ros.core.wheel_feedback import WheelFeedback, WheelSample
 import numpy as np
 
@@ -289,9 +289,10 @@ class CommandEpisode(Episode):
     def __init__(self, seed: int, number: int) -> None:
         super().__init__(seed, number)
         draw = self.random
-        self.path = CommandPath(
-            self.drive(), self.timeout(), self.fastest(), self.limits(), self.limits(),
-            10.0 ** draw.uniform(-3.0, 0.0))
+        self.path = WheelCommander(
+            self.drive(), timeout=self.timeout(), max_wheel_speed=self.fastest(),
+            linear_limits=self.limits(), angular_limits=self.limits(),
+            period=10.0 ** draw.uniform(-3.0, 0.0))
         self.now = draw.randrange(10**18)
         self.received: int | None = None
         self.stepped: int | None = None
@@ -331,9 +332,9 @@ class CommandEpisode(Episode):
             elif chance < 0.08:
                 path.linear_limits, path.angular_limits = self.limits(), self.limits()
             elif chance < 0.10:
-                path.hold(draw.choice('ab'), True)
+                path.inhibit(draw.choice(tuple(Inhibit)), True)
             elif chance < 0.14:
-                path.hold(draw.choice('ab'), False)
+                path.inhibit(draw.choice(tuple(Inhibit)), False)
             self.command()
             for _ in range(draw.choice((0, 1, 1, 1, 2))):
                 self.pass_time(draw.choice((path.period, 0.02, draw.uniform(0.0, 0.1))))
@@ -360,14 +361,14 @@ class CommandEpisode(Episode):
                 (draw.uniform(-100.0, 100.0), draw.uniform(-100.0, 100.0))))
             is_small = max(abs(self.last.linear), abs(self.last.angular)) < 1e6
             self.target = (linear, angular) if is_small else None
-            if self.path.holds:
+            if self.path.inhibits:
                 self.target = 0.0, 0.0
         else:
             linear, angular = (
                 draw.choice((*EXTREMES, draw.uniform(-1.0, 1.0) * 10.0 ** draw.uniform(
                     -300.0, 308.0))) for _ in range(2))
             self.target = None
-            if self.path.holds or not math.isfinite(linear) or not math.isfinite(angular):
+            if self.path.inhibits or not math.isfinite(linear) or not math.isfinite(angular):
                 self.target = 0.0, 0.0
         self.calls.append(('accept', linear, angular, self.now))
         self.path.accept(linear, angular, self.now)
@@ -376,19 +377,21 @@ class CommandEpisode(Episode):
         """Let a period pass, and check what goes to the wheels."""
         path, last = self.path, self.last
         self.calls.append(('step', self.now, path.timeout, path.max_wheel_speed, path.drive,
-                           path.linear_limits, path.angular_limits, path.period, set(path.holds)))
+                           path.linear_limits, path.angular_limits, path.period,
+                           set(path.inhibits)))
         sent = self.last = path.step(self.now)
         self.calls.append(('sent', sent))
         # Where time stands still, a hold counts a period; of a pause, all but five slow down, if
         # nothing was asked for meanwhile.
         elapsed = path.period if self.stepped is None else (self.now - self.stepped) * 1e-9
-        elapsed = elapsed if elapsed > 0.0 else path.period if path.holds else 1e-9
+        elapsed = elapsed if elapsed > 0.0 else path.period if path.inhibits else 1e-9
         self.seconds = min(elapsed, 5.0 * path.period)
         pause, held_until = elapsed - self.seconds, self.held_until
         self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
-        if path.holds or (path.timeout and age_ns is not None
-                          and not 0 <= age_ns <= path.timeout * 1e9):
+        is_timeout = path.timeout and age_ns is not None and not (
+            0 <= age_ns <= path.timeout * 1e9)
+        if path.inhibits or is_timeout:
             self.target = 0.0, 0.0
         self.held_until = None if self.target is None else (
             self.now if self.target == (0.0, 0.0) or self.received is None
@@ -458,8 +461,8 @@ class CommandEpisode(Episode):
     def settle(self) -> None:
         """Ask for the same until it is so, if no limit holds it back for long."""
         path = self.path
-        for reason in 'ab':
-            path.hold(reason, False)
+        for inhibit in Inhibit:
+            path.inhibit(inhibit, False)
         path.linear_limits = AxisLimits(max_acceleration=50.0, max_deceleration=-40.0)
         path.angular_limits = AxisLimits(max_acceleration=70.0, max_jerk=1e4)
         path.max_wheel_speed, path.timeout, path.period = None, 0.5, 0.05

@@ -176,10 +176,10 @@ class Soak:
         if told != dict(self.drive.counts):
             self.complain(f'counters of the wheels: {told}, and not {dict(self.drive.counts)}')
         told = {name: int(value) for name, value in self._figures['commands'].items()
-                if '[' not in name}
+                if '[' not in name and name != 'inhibits'}
         for name, least, most in (
                 ('commands', round(0.95 * self._commands), self._commands),
-                ('not finite', self._not_finite, self._not_finite),
+                ('not_finite', self._not_finite, self._not_finite),
                 ('timeouts', self._timeouts, self._timeouts + self._late)):
             if not least <= told.get(name, 0) <= most:
                 self.complain(f'counter of commands, {name}: {told}, and not {least} to {most}')

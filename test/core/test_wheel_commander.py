@@ -4,7 +4,7 @@ import math
 
 from diffdrive_ros.core.axis_limits import AxisLimits
 from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.wheel_commander import CommandPath, STOP, WheelCommand
+from diffdrive_ros.core.wheel_commander import Inhibit, STOP, WheelCommand, WheelCommander
 from hypothesis import assume, example, given, strategies as st
 import numpy as np
 import pytest
@@ -23,13 +23,13 @@ times = st.integers(0, 10 * SECOND)
 
 def path_with(linear, angular, **settings):
     """Return a path that has just taken a command."""
-    path = CommandPath(ROBOT, **{'timeout': 0.5, **settings})
+    path = WheelCommander(ROBOT, **{'timeout': 0.5, **settings})
     path.accept(linear, angular, BOOT_NS)
     return path
 
 
 def test_nothing_moves_before_the_first_command():
-    path = CommandPath(ROBOT, timeout=0.5)
+    path = WheelCommander(ROBOT, timeout=0.5)
     assert not path.started
     assert path.step(BOOT_NS) == STOP == WheelCommand(0.0, 0.0, 0.0, 0.0)
     assert path.complaint == ''
@@ -38,7 +38,7 @@ def test_nothing_moves_before_the_first_command():
 
 @given(drives, st.floats(-3.0, 3.0), st.floats(-6.0, 6.0))
 def test_a_command_gives_the_wheel_speeds_of_the_jacobian(drive, linear, angular):
-    path = CommandPath(drive, timeout=0.5)
+    path = WheelCommander(drive, timeout=0.5)
     path.accept(linear, angular, BOOT_NS)
     sent = path.step(BOOT_NS)
     same([sent.left, sent.right], drive.wheel_jacobian @ [linear, 0.0, angular], atol=1e-10)
@@ -194,7 +194,7 @@ def test_a_limit_can_be_changed_while_driving():
 @example([(1.7e308, 0.0, 0)], 0, 20.0)
 @example([(1e300, -1e300, 0)], 0, 20.0)
 def test_whatever_comes_the_wheels_get_finite_speeds_within_the_limit(commands, last_ns, limit):
-    path = CommandPath(ROBOT, timeout=0.5, max_wheel_speed=limit)
+    path = WheelCommander(ROBOT, timeout=0.5, max_wheel_speed=limit)
     for linear, angular, now_ns in commands:
         path.accept(linear, angular, now_ns)
         sent = path.step(now_ns + last_ns)
@@ -208,7 +208,7 @@ def test_whatever_comes_the_wheels_get_finite_speeds_within_the_limit(commands, 
 @example(ROBOT, 1e308, 1e308)
 @example(DiffDrive(1.0, 2.0, 2.0), 1.2e308, 0.0)
 def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular):
-    path = CommandPath(drive, timeout=0.5)
+    path = WheelCommander(drive, timeout=0.5)
     path.accept(linear, angular, BOOT_NS)
     sent = path.step(BOOT_NS)
     assert all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular)))
@@ -217,7 +217,7 @@ def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular
 @given(late_ns=st.integers(0, 10**10), timeout=st.floats(0.05, 3.0))
 def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) -> None:
     """The timeout runs from when a command was sent, not from when it came."""
-    path = CommandPath(ROBOT, timeout)
+    path = WheelCommander(ROBOT, timeout=timeout)
     path.accept(0.2, 0.1, BOOT_NS, late_ns)
     assume(abs(late_ns - timeout * 1e9) > 2)
     if late_ns > timeout * 1e9:
@@ -233,7 +233,7 @@ def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) 
 
 def test_what_comes_too_late_does_not_drive_but_stops() -> None:
     """A stop is taken however old it is; a drive of another driver goes on until then."""
-    path = CommandPath(ROBOT, 0.5)
+    path = WheelCommander(ROBOT, timeout=0.5)
     path.accept(0.2, 0.1, BOOT_NS)
     path.accept(-0.9, 0.0, BOOT_NS + 1, late_ns=10**9)
     assert path.step(BOOT_NS + 2).linear == pytest.approx(0.2)
@@ -244,7 +244,7 @@ def test_what_comes_too_late_does_not_drive_but_stops() -> None:
 
 def test_without_a_timeout_no_command_is_too_old() -> None:
     """Whoever sets it to zero wants the last command to hold, whenever it comes."""
-    path = CommandPath(ROBOT, 0.0)
+    path = WheelCommander(ROBOT, timeout=0.0)
     path.accept(0.2, 0.1, BOOT_NS, late_ns=10**12)
     assert path.step(BOOT_NS).linear == pytest.approx(0.2)
 
@@ -252,7 +252,7 @@ def test_without_a_timeout_no_command_is_too_old() -> None:
 @given(st.lists(st.integers(1, 5), min_size=30, max_size=30))
 def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> None:
     """A machine that is too busy for the rate stops the robot as soon as one that is not."""
-    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+    path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=1.0, max_deceleration=-1.0), period=0.02)
     now = BOOT_NS
     for _ in range(150):
@@ -271,7 +271,7 @@ def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> Non
 @given(st.floats(0.05, 50.0), st.booleans())
 def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new: bool) -> None:
     """The wheels go on from where the robot would be, and not from where it was long ago."""
-    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+    path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=4.0, max_deceleration=-0.4), period=0.02)
     now = BOOT_NS
     for _ in range(100):
@@ -294,7 +294,8 @@ def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new
 @given(st.sampled_from([1.0, 5.0, 6.0, 10.0, 25.0]))
 def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pace: float) -> None:
     """A step that is longer than five periods is no pause, while commands are to hold."""
-    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(max_acceleration=1.0), period=0.02)
+    path = WheelCommander(
+        ROBOT, timeout=0.5, linear_limits=AxisLimits(max_acceleration=1.0), period=0.02)
     for k in range(200):
         now = BOOT_NS + round(k * pace * 20_000_000)
         path.accept(1.0, 0.0, now)
@@ -304,7 +305,8 @@ def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pa
 
 def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
     """Between two clocks no time can be told."""
-    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(max_acceleration=2.0), period=0.02)
+    path = WheelCommander(
+        ROBOT, timeout=0.0, linear_limits=AxisLimits(max_acceleration=2.0), period=0.02)
     for k in range(100):
         path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
         path.step(BOOT_NS + k * 20_000_000)
@@ -317,7 +319,7 @@ def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
 @given(st.lists(st.integers(0, 25), min_size=1, max_size=80))
 def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) -> None:
     """Nor does a simulated clock that ticks more slowly than the commands go out."""
-    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+    path = WheelCommander(ROBOT, timeout=0.0, linear_limits=AxisLimits(
         max_velocity=5.0, max_acceleration=1.5), period=0.02)
     path.accept(5.0, 0.0, BOOT_NS)
     path.step(BOOT_NS)
@@ -329,12 +331,12 @@ def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) ->
 
 def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
     """A /clock that has died is a reason to stop, by the deceleration limit."""
-    path = CommandPath(ROBOT, 0.5, linear_limits=AxisLimits(
+    path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=5.0, max_deceleration=-2.0), period=0.02)
     for k in range(50):
         path.accept(1.0, 0.0, BOOT_NS + k * 20_000_000)
         path.step(BOOT_NS + k * 20_000_000)
-    path.hold('no clock', True)
+    path.inhibit(Inhibit.CLOCK_STALL, True)
     speeds = [path.step(BOOT_NS + 49 * 20_000_000).linear for _ in range(30)]
     assert speeds[:3] == pytest.approx([0.96, 0.92, 0.88])
     assert speeds[-1] == 0.0
@@ -343,7 +345,7 @@ def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
 @given(st.lists(st.integers(2, 120), min_size=1, max_size=60))
 def test_the_jerk_is_limited_whatever_the_steps_take(millis: list[int]) -> None:
     """The acceleration changes by no more than the jerk times the time."""
-    path = CommandPath(ROBOT, 0.0, linear_limits=AxisLimits(
+    path = WheelCommander(ROBOT, timeout=0.0, linear_limits=AxisLimits(
         max_velocity=1000.0, max_jerk=20.0), period=0.025)
     now, before, acceleration = BOOT_NS, path.step(BOOT_NS).linear, 0.0
     path.accept(900.0, 0.0, now)
@@ -358,6 +360,6 @@ def test_to_hold_for_a_moment_forgets_the_command() -> None:
     """Also when the hold has ended before the next step."""
     path = path_with(0.5, 0.8)
     path.step(BOOT_NS)
-    path.hold('by hand', True)
-    path.hold('by hand', False)
+    path.inhibit(Inhibit.DISABLED, True)
+    path.inhibit(Inhibit.DISABLED, False)
     assert path.step(BOOT_NS + 1) == STOP

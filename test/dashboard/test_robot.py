@@ -412,7 +412,8 @@ def test_a_hold_is_told_by_its_reason_or_by_a_command_that_was_refused(
     robot = hear_odom()
     drive(robot)
     robot.node.told_of_commands = lambda: [DiagnosticStatus(
-        message=message, values=[] if held is None else [KeyValue(key='held', value=str(held))])
+        message=message, values=[] if held is None else [
+            KeyValue(key='inhibited', value=str(held))])
         for message, held in statuses]
     robot.look()
     assert robot.pilot.is_moving is not stops

@@ -151,12 +151,13 @@ def test_a_hold_of_a_moment_is_in_diagnostics_from_its_beginning_to_its_end(
     for data in (False, True):
         station.call(SetBool, 'odometry/enable', SetBool.Request(data=data))
 
-    def commands() -> list[str]:
-        return [status.message for _, message in heard for status in message.status
-                if status.name.endswith('commands')]
+    def commands() -> list[tuple[str, str]]:
+        return [(status.message, value.value) for _, message in heard for status in message.status
+                for value in status.values
+                if status.name.endswith('commands') and value.key == 'inhibits']
 
-    wait_until(lambda: commands()[-1] == 'none yet' and len(commands()) > 2)
-    assert 'stopped: disabled by ~/enable' in commands()
+    wait_until(lambda: commands()[-1] == ('none yet', '') and len(commands()) > 2)
+    assert ('stopped: disabled by ~/enable', 'disabled') in commands()
 
 
 def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
@@ -186,7 +187,7 @@ def test_the_first_command_is_held_too_where_the_encoders_are_silent(
     wait_until(lambda: node._monitor.silence() > 0.2)
     station.say('cmd_vel', twist(0.4, 0.1))
     wait_until(lambda: node._command.counts['commands'])
-    assert node._command.counts['held'] == node._command.counts['commands']
+    assert node._command.counts['inhibited'] == node._command.counts['commands']
 
 
 def test_a_clock_beyond_the_stamps_of_ros_is_refused(
@@ -397,7 +398,7 @@ def test_diagnostics_tell_rates_counts_and_what_was_left_out(
     assert figures('feedback')['without our wheels'] == '1'
     assert float(figures('feedback')['rate [Hz]']) > 0.0
     assert last()['feedback'].level == DiagnosticStatus.OK
-    wait_until(lambda: figures('commands').get('not finite') == '1')
+    wait_until(lambda: figures('commands').get('not_finite') == '1')
     assert last()['commands'].level == DiagnosticStatus.WARN
     assert 'must be finite' in last()['commands'].message
     wait_until(lambda: last()['feedback'].level == DiagnosticStatus.ERROR)
