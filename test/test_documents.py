@@ -31,7 +31,6 @@ SPECS = {'odometry': ODOMETRY, 'simulator': SIMULATOR}
 TOOLS = {'calibrate': 'tools.calibrate', 'replay': 'tools.replay', 'demo': 'demo.main',
          'dashboard': 'dashboard.main'}
 LANGUAGES = {'console', 'ini', 'pycon', 'python', 'sh', 'text', 'xml', 'yaml'}
-PENDING = {'README.md', 'doc/architecture.md'}  # rewritten at present
 
 # How commands begin, and what runs them.
 RUN_BY = {
@@ -62,7 +61,7 @@ NOT_RUN = (
     'ros2 run twist_mux', 'sudo ', 'source /opt/ros')
 
 
-@pytest.mark.parametrize('page', sorted(set(PAGES) - PENDING))
+@pytest.mark.parametrize('page', PAGES)
 def test_internal_links_resolve(page: str) -> None:
     """Files exist, and headings too."""
     for target in links(page):
@@ -80,15 +79,13 @@ def test_every_page_is_linked_from_the_index() -> None:
 
 
 @pytest.mark.parametrize(
-    'page', [page for page in PAGES if page.startswith('doc/') and page not in PENDING])
+    'page', [page for page in PAGES if page.startswith('doc/')])
 def test_page_opens_with_its_readers(page: str) -> None:
     """The first paragraph names them."""
     assert (TOP / page).read_text().split('\n\n')[1].startswith('For ')
 
 
-@pytest.mark.parametrize(
-    'block', [block for block in blocks() if block.page not in PENDING],
-    ids=lambda block: block.page)
+@pytest.mark.parametrize('block', blocks(), ids=lambda block: block.page)
 def test_block_has_a_known_language(block: Block) -> None:
     """It decides how the block is tested."""
     assert block.language in LANGUAGES, block.text
