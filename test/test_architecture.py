@@ -41,9 +41,7 @@ CORE = {
     # What the dashboard decides, without ROS and without a browser.
     'node.clock': set(),
     'dashboard.teleop': set(),
-    'dashboard.steering': {'dashboard.teleop'},
     'dashboard.trajectory': set(),
-    'dashboard.ellipse': set(),
     'dashboard.equations': {'core.validation', 'core.se2', 'core.kinematics'},
     'dashboard.access_control': set(),
 }

@@ -1,8 +1,8 @@
 """
-Who may talk to the page: nobody from another origin, and from another machine with a token only.
+Access to the server: no other origin, and other machines only with a token.
 
-An ASGI middleware in front of everything, the web socket included: a page of somebody else's that
-is open in the same browser must be able neither to drive the robot nor to look at it.
+An ASGI middleware for all requests and the web socket: a foreign page that is open in the same
+browser can neither drive the robot nor see it.
 """
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 import secrets
@@ -16,18 +16,18 @@ Send = Callable[[Any], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
-ALL_ADDRESSES = ('', '0.0.0.0', '::')  # of this machine: none that a browser could open
+ALL_ADDRESSES = ('', '0.0.0.0', '::')  # to bind to; a browser needs a name
 COOKIE = 'diffdrive_token'
 
 
-class WebGuard:
-    """Refuses with 403; token is None where only this machine can reach the server."""
+class AccessControl:
+    """Responds 403 or passes on; token is None if only this machine can reach the server."""
 
     def __init__(self, app: App, token: str | None) -> None:
         self._app, self._token = app, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand on what may pass."""
+        """Pass on a permitted request."""
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
@@ -37,19 +37,19 @@ class WebGuard:
             headers, is_socket=scope['type'] == 'websocket', needs_loopback=self._token is None)
         if reason:
             await refuse(scope, receive, send, reason)
-        elif self._token is None or self._is_known(headers.get('cookie', '')):
-            await self._app(scope, receive, _unframed(send))
-        elif scope['type'] == 'http' and self._brings_token(scope):
-            await self._let_in(send)
+        elif self._token is None or self._has_cookie(headers.get('cookie', '')):
+            await self._app(scope, receive, _without_frames(send))
+        elif scope['type'] == 'http' and self._has_token(scope):
+            await self._set_cookie(send)
         else:
             await refuse(scope, receive, send, 'open the address that was printed at start')
 
-    def _is_known(self, cookies: str) -> bool:
-        # By hand: the parser of the standard library ends at the first cookie that it dislikes.
+    def _has_cookie(self, cookies: str) -> bool:
+        # The parser of the standard library ends at the first invalid cookie.
         pairs = (each.strip().partition('=') for each in cookies.split(';'))
         return any(name == COOKIE and self._is_token(value) for name, _, value in pairs)
 
-    def _brings_token(self, scope: Scope) -> bool:
+    def _has_token(self, scope: Scope) -> bool:
         given = parse_qs(scope['query_string'].decode('latin-1')).get('token', [''])[0]
         return self._is_token(given)
 
@@ -57,8 +57,8 @@ class WebGuard:
         return self._token is not None and secrets.compare_digest(
             given.encode(), self._token.encode())
 
-    async def _let_in(self, send: Send) -> None:
-        """Turn the token of the address into a cookie, so that no history or picture shows it."""
+    async def _set_cookie(self, send: Send) -> None:
+        """Move the token from the address to a cookie, so that no history or screenshot has it."""
         cookie = f'{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/'
         await send({'type': 'http.response.start', 'status': 303, 'headers': [
             (b'location', b'/'), (b'set-cookie', cookie.encode()),
@@ -67,9 +67,9 @@ class WebGuard:
 
 
 def refusal(headers: MutableMapping[str, str], *, is_socket: bool, needs_loopback: bool) -> str:
-    """Return why a request is refused, or nothing if its origin is the page itself."""
+    """Return why a request is refused, or '' if its origin is the page itself."""
     host, origin = headers.get('host', ''), headers.get('origin')
-    # A name of somebody else's that was made to point here is refused by its Host.
+    # DNS rebinding: a foreign name that resolves to this machine is refused by its Host.
     if needs_loopback and _name_of(f'//{host}') not in LOOPBACK:
         return f'host {host!r} is not this machine'
     if origin is None:
@@ -82,7 +82,7 @@ def refusal(headers: MutableMapping[str, str], *, is_socket: bool, needs_loopbac
 
 
 def address(host: str, port: int, token: str | None) -> str:
-    """Return what to open in a browser."""
+    """Return the address to open in a browser."""
     if host in ALL_ADDRESSES:
         host = socket.gethostname()
     name = f'[{host}]' if ':' in host else host
@@ -90,10 +90,10 @@ def address(host: str, port: int, token: str | None) -> str:
 
 
 def _is_embedded(headers: MutableMapping[str, str]) -> bool:
-    """Return whether a page of another origin asks, and not for a link that is followed."""
-    followed = headers.get('sec-fetch-mode'), headers.get('sec-fetch-dest')
+    """Return whether a page of another origin embeds this one, and does not link to it."""
+    navigation = headers.get('sec-fetch-mode'), headers.get('sec-fetch-dest')
     return headers.get('sec-fetch-site') in ('cross-site', 'same-site') and (
-        followed != ('navigate', 'document'))
+        navigation != ('navigate', 'document'))
 
 
 def _name_of(address: str) -> str | None:
@@ -108,7 +108,7 @@ def _is_web(origin: str) -> bool:
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> None:
-    """Answer 403; a socket is closed before it was opened, which servers turn into the same."""
+    """Respond 403; a socket is closed before it is accepted, for which servers respond the same."""
     if scope['type'] == 'websocket':
         await receive()
         await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
@@ -118,8 +118,8 @@ async def refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> Non
     await send({'type': 'http.response.body', 'body': f'refused: {reason}\n'.encode()})
 
 
-def _unframed(send: Send) -> Send:
-    """Forbid other pages to show this one within them, under somebody's pointer."""
+def _without_frames(send: Send) -> Send:
+    """Forbid other pages to embed this one, against clickjacking."""
     extra: Iterable[tuple[bytes, bytes]] = (
         (b'content-security-policy', b"frame-ancestors 'none'"), (b'x-frame-options', b'DENY'))
 

@@ -1,14 +1,15 @@
-"""The dashboard's ear and hand on ROS: what it hears is kept raw and opened when it is drawn."""
+"""The dashboard's ROS node: subscriptions keep messages serialized until they are displayed."""
 import asyncio
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+import concurrent.futures
 import math
 import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diffdrive_ros.core.quaternion import quaternion_of_heading
-from diffdrive_ros.dashboard.teleop import Twist as PilotTwist
+from diffdrive_ros.dashboard.teleop import Twist as TeleopTwist
 from diffdrive_ros.node import clock, runner
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
@@ -22,17 +23,17 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-ASLEEP, AWAKE = 0.018, 0.002  # [s]
+SPIN_PAUSE_S, SPIN_SLICE_S = 0.018, 0.002
 
-# Best effort: the node that is watched has nobody more to wait for or to send to again.
-WATCHING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-NEWEST_ONLY = QoSProfile(depth=1)
-WHEELS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Best effort: the observed node neither waits for the dashboard nor sends anything again.
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+JOINT_STATES = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+COMMANDS = QoSProfile(depth=1)
 
-LONGEST_ANSWER = 3.0  # [s] that a service may take
-LONGEST_LAST_WORD = 0.5  # [s] to wait until the last stop was heard
+SERVICE_TIMEOUT_S = 3.0
+FLUSH_TIMEOUT_S = 0.5
 SIMULATOR = 'simulator'
-LOOKERS = '_ros2cli'  # how the names of ros2 topic echo and its like begin
+ROS2CLI_PREFIX = '_ros2cli'  # of the node names of ros2 topic echo and the like
 
 SERVICES = {
     'reset_odometry': Trigger, 'enable': SetBool, 'list_parameters': ListParameters,
@@ -40,210 +41,204 @@ SERVICES = {
     'set_parameters': SetParameters}
 
 
-class NoAnswerError(Exception):
-    """A service did not answer; the message says which."""
+class ServiceError(Exception):
+    """A service of the observed node is of no use; the message names it."""
 
 
-class Heard:
-    """The newest message of a topic, opened when somebody asks for it."""
+class LatestMessage:
+    """The newest message of a topic, deserialized on demand."""
 
     def __init__(self, node: Node, kind: type, topic: str) -> None:
         self._kind = kind
-        self._raw: bytes | None = None
-        self._opened: tuple[bytes, Any] | None = None
-        self._at = -math.inf
+        self._serialized: bytes | None = None
+        self._deserialized: tuple[bytes, Any] | None = None
+        self._received_at = -math.inf
         self.subscription = node.create_subscription(
-            kind, topic, self._take, WATCHING, raw=True)
+            kind, topic, self._receive, LATEST, raw=True)
 
     @property
     def age(self) -> float:
-        """Return how long ago it came [s]."""
-        return clock.steady() - self._at
+        """Return the time since its receipt [s]."""
+        return clock.steady() - self._received_at
 
     @property
     def message(self) -> Any:
-        """Return the message, or None if none has come."""
-        raw = self._raw
-        if raw is not None and (self._opened is None or self._opened[0] is not raw):
-            self._opened = raw, deserialize_message(raw, self._kind)
-        return self._opened and self._opened[1]
+        """Return the message, or None before the first one."""
+        raw = self._serialized
+        if raw is not None and (self._deserialized is None or self._deserialized[0] is not raw):
+            self._deserialized = raw, deserialize_message(raw, self._kind)
+        return self._deserialized and self._deserialized[1]
 
-    def _take(self, raw: bytes) -> None:
-        self._raw, self._at = raw, clock.steady()
+    def _receive(self, raw: bytes) -> None:
+        self._serialized, self._received_at = raw, clock.steady()
 
 
-class HeardJoints:
-    """The newest speed of each joint, whoever tells it and with whichever others."""
+class LatestJointSpeeds:
+    """The newest speed of each joint, however joints are distributed over messages."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        self._raw: deque[tuple[float, bytes]] = deque(maxlen=WHEELS.depth)
+        self._queue: deque[tuple[float, bytes]] = deque(maxlen=JOINT_STATES.depth)
         self._speeds: dict[str, tuple[float, float]] = {}
-        node.create_subscription(JointState, topic, self._take, WHEELS, raw=True)
+        node.create_subscription(JointState, topic, self._receive, JOINT_STATES, raw=True)
 
-    def speeds(self, names: Iterable[str], recent: float) -> Mapping[str, float]:
-        """Return the finite speeds of joints that were told within the last seconds [rad/s]."""
-        wanted = set(names)
-        told = [self._raw.popleft() for _ in range(len(self._raw))]
-        while told and wanted:  # the newest first, and none in vain
-            at, raw = told.pop()
+    def speeds(self, names: Iterable[str], max_age: float) -> Mapping[str, float]:
+        """Return the finite speeds of joints, received at most max_age [s] ago [rad/s]."""
+        missing = set(names)
+        received = [self._queue.popleft() for _ in range(len(self._queue))]
+        while received and missing:  # the newest first, and no more than needed
+            at, raw = received.pop()
             message = deserialize_message(raw, JointState)
             found = {
                 name: (at, speed)
                 for name, speed in zip(message.name, message.velocity, strict=False)
-                if name in wanted and math.isfinite(speed)}
+                if name in missing and math.isfinite(speed)}
             self._speeds.update(found)
-            wanted -= found.keys()
+            missing -= found.keys()
         now = clock.steady()
-        return {name: speed for name, (at, speed) in self._speeds.items() if now - at < recent}
+        return {name: speed for name, (at, speed) in self._speeds.items() if now - at < max_age}
 
-    def _take(self, raw: bytes) -> None:
-        self._raw.append((clock.steady(), raw))
+    def _receive(self, raw: bytes) -> None:
+        self._queue.append((clock.steady(), raw))
 
 
 class DashboardNode(Node):
     """
-    Hears the robot, and commands it when the page says so.
+    Observes an odometry node, calls its services and publishes commands.
 
-    odometry is the name of the node that is shown. Its methods may be called from another thread
-    than the one that spins.
+    odometry is the name of the observed node. Its methods may be called from another thread than
+    the one that spins.
     """
 
     def __init__(self, odometry: str = 'odometry', **kwargs: Any) -> None:
         super().__init__('dashboard', **kwargs)
-        self.watched = (  # as /parameter_events and /diagnostics have it
+        self.observed = (  # as in /parameter_events and /diagnostics
             odometry if odometry.startswith('/')
             else f'{self.get_namespace().rstrip("/")}/{odometry}')
-        self.odom = Heard(self, Odometry, 'odom')
-        self.truth = Heard(self, Odometry, 'ground_truth')
-        self.joints = HeardJoints(self, 'joint_states')
-        self.applied = Heard(self, TwistStamped, f'{odometry}/cmd_vel_out')
+        self.odom = LatestMessage(self, Odometry, 'odom')
+        self.ground_truth = LatestMessage(self, Odometry, 'ground_truth')
+        self.joints = LatestJointSpeeds(self, 'joint_states')
+        self.applied = LatestMessage(self, TwistStamped, f'{odometry}/cmd_vel_out')
+        self.commands: LatestMessage | None = None
         self.diagnostics: dict[str, tuple[float, Any]] = {}
-        self.commands_status = f'{self.watched}: commands'
-        self._told_of_commands: deque[Any] = deque(maxlen=100)
+        """Time of receipt and status, by the name of the status."""
+        self.commands_status = f'{self.observed}: commands'
         self.parameters_changed_at = 0.0
-        self.commands: Heard | None = None
         self.is_stamped = False
+        self._new_command_statuses: deque[Any] = deque(maxlen=100)
         self._odom_publishers: set[bytes] = set()
-        self._commander: Any = None
-        self._set_pose = self.create_publisher(
+        self._command_publisher: Any = None
+        self._pose_publisher = self.create_publisher(
             PoseWithCovarianceStamped, f'{odometry}/set_pose', QoSProfile(depth=10))
         self.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
         self.create_subscription(
             ParameterEvent, '/parameter_events', self._on_parameters, QoSProfile(depth=100))
-        self._clients_of = {
+        self._service_clients = {
             name: self.create_client(kind, f'{odometry}/{name}')
             for name, kind in SERVICES.items()}
 
-    def prepare(self, is_stamped: bool) -> None:
-        """Choose the form of commands, so that the first one finds its listener known."""
-        if self._commander and is_stamped == self.is_stamped:
+    def advertise_commands(self, is_stamped: bool) -> None:
+        """Create the publisher of cmd_vel, so that it is matched before the first command."""
+        if self._command_publisher and is_stamped == self.is_stamped:
             return
-        if self._commander:
-            self.destroy_publisher(self._commander)
+        if self._command_publisher:
+            self.destroy_publisher(self._command_publisher)
         if self.commands:
             self.destroy_subscription(self.commands.subscription)
         kind = TwistStamped if is_stamped else Twist
         self.is_stamped = is_stamped
-        self._commander = self.create_publisher(kind, 'cmd_vel', NEWEST_ONLY)
-        self.commands = Heard(self, kind, 'cmd_vel')
+        self._command_publisher = self.create_publisher(kind, 'cmd_vel', COMMANDS)
+        self.commands = LatestMessage(self, kind, 'cmd_vel')
 
-    def command(self, twist: PilotTwist) -> None:
+    def publish_command(self, twist: TeleopTwist) -> None:
         """Publish a command, once."""
-        if self._commander is None:
-            self.prepare(self.is_stamped)
+        self.advertise_commands(self.is_stamped)
         message = TwistStamped() if self.is_stamped else Twist()
         plain = message
         if self.is_stamped:
             message.header.stamp = self.get_clock().now().to_msg()
             plain = message.twist
         plain.linear.x, plain.angular.z = map(float, twist)
-        self._commander.publish(message)
+        self._command_publisher.publish(message)
 
-    def last_words(self) -> None:
-        """Wait until a stop that was sent is heard."""
-        if self._commander:
-            self._commander.wait_for_all_acked(Duration(seconds=LONGEST_LAST_WORD))
+    def flush_commands(self) -> None:
+        """Wait until the last command is acknowledged."""
+        if self._command_publisher:
+            self._command_publisher.wait_for_all_acked(Duration(seconds=FLUSH_TIMEOUT_S))
 
     def set_pose(self, x: float, y: float, theta: float, frame: str) -> None:
-        """Ask odometry to be at a pose; it keeps its own word on the covariance."""
+        """Set the pose of the odometry, which keeps its covariance."""
         message = PoseWithCovarianceStamped()
         message.header.frame_id = frame
         message.header.stamp = self.get_clock().now().to_msg()
         pose = message.pose.pose
         pose.position.x, pose.position.y = float(x), float(y)
         pose.orientation.z, pose.orientation.w = quaternion_of_heading(theta)
-        self._set_pose.publish(message)
+        self._pose_publisher.publish(message)
 
-    async def ask(self, service: str, request: Any) -> Any:
-        """Return the answer of a service of odometry; raises NoAnswerError."""
-        client = self._clients_of[service]
+    async def call(self, service: str, request: Any) -> Any:
+        """Return the response of a service of the observed node; raises ServiceError."""
+        client = self._service_clients[service]
         loop = asyncio.get_running_loop()
-        deadline = loop.time() + LONGEST_ANSWER
+        deadline = loop.time() + SERVICE_TIMEOUT_S
         while not client.service_is_ready():
             if loop.time() > deadline:
-                raise NoAnswerError(f'{client.srv_name} is not there: does odometry run?')
+                raise ServiceError(f'{client.srv_name} is not available: does odometry run?')
             await asyncio.sleep(0.05)
-        answered: asyncio.Future[Any] = loop.create_future()
-
-        def pass_on(future: Any) -> None:
-            loop.call_soon_threadsafe(finish, future.result())
-
-        def finish(result: Any) -> None:
-            if not answered.done():
-                answered.set_result(result)
-
+        response: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        response.set_running_or_notify_cancel()  # so that a late response may be set, in vain
         pending = client.call_async(request)
-        pending.add_done_callback(pass_on)
+        pending.add_done_callback(lambda future: response.set_result(future.result()))
         try:
-            return await asyncio.wait_for(answered, LONGEST_ANSWER)
+            return await asyncio.wait_for(asyncio.wrap_future(response), SERVICE_TIMEOUT_S)
         except asyncio.TimeoutError:
             client.remove_pending_request(pending)
-            raise NoAnswerError(f'{client.srv_name} does not answer') from None
+            raise ServiceError(f'{client.srv_name} does not respond') from None
 
     def is_simulated(self) -> bool:
-        """Return whether a command moves nothing but a simulator, by way of the watched node."""
+        """Return whether commands reach nothing but a simulator, through the observed node."""
         simulator = f'{self.get_namespace().rstrip("/")}/{SIMULATOR}'
-        return (self._listeners('cmd_vel') == [self.watched]
-                and self._senders('wheel_commands') == [self.watched]
-                and self._listeners('wheel_commands') == [simulator])
+        return (self._subscriber_names('cmd_vel') == [self.observed]
+                and self._publisher_names('wheel_commands') == [self.observed]
+                and self._subscriber_names('wheel_commands') == [simulator])
 
     def other_commanders(self) -> Sequence[str]:
-        """Return who else publishes on cmd_vel: a second one of this name is another."""
-        found = self._senders('cmd_vel')
-        if self._commander and self.get_fully_qualified_name() in found:
+        """Return the other nodes that publish cmd_vel, one of the dashboard's name included."""
+        found = self._publisher_names('cmd_vel')
+        if self._command_publisher and self.get_fully_qualified_name() in found:
             found.remove(self.get_fully_qualified_name())
         return found
 
-    def told_of_commands(self) -> list[Any]:
-        """Return the statuses of the watched node's commands since this was asked last."""
-        return [self._told_of_commands.popleft() for _ in range(len(self._told_of_commands))]
+    def take_command_statuses(self) -> list[Any]:
+        """Return the statuses `commands` of the observed node since the last call."""
+        return [self._new_command_statuses.popleft()
+                for _ in range(len(self._new_command_statuses))]
 
-    def newcomers_on_odom(self) -> bool:
-        """Return whether somebody publishes odom who did not when this was asked last."""
+    def has_new_odom_publisher(self) -> bool:
+        """Return whether odom has a publisher that it did not have at the last call."""
         known, self._odom_publishers = self._odom_publishers, {
             bytes(end.endpoint_gid) for end in self.get_publishers_info_by_topic('odom')}
         return not self._odom_publishers <= known
 
-    def _senders(self, topic: str) -> list[str]:
+    def _publisher_names(self, topic: str) -> list[str]:
         return sorted(map(full_name, self.get_publishers_info_by_topic(topic)))
 
-    def _listeners(self, topic: str) -> list[str]:
-        """Return the full names of those who listen, but for those who only look."""
+    def _subscriber_names(self, topic: str) -> list[str]:
+        """Return the full names of the subscribers but this node and those of ros2cli."""
         return sorted(
             full_name(end) for end in self.get_subscriptions_info_by_topic(topic)
             if full_name(end) != self.get_fully_qualified_name()
-            and not end.node_name.startswith(LOOKERS))
+            and not end.node_name.startswith(ROS2CLI_PREFIX))
 
     def _on_diagnostics(self, message: Any) -> None:
         now = clock.steady()
         for status in message.status:
             self.diagnostics[status.name] = now, status
             if status.name == self.commands_status:
-                self._told_of_commands.append(status)
+                self._new_command_statuses.append(status)
 
     def _on_parameters(self, message: Any) -> None:
-        if message.node == self.watched:
+        if message.node == self.observed:
             self.parameters_changed_at = clock.steady()
 
 
@@ -252,26 +247,26 @@ def full_name(end: Any) -> str:
     return f'{end.node_namespace.rstrip("/")}/{end.node_name}'
 
 
-class Spinner:
+class SpinThread:
     """
-    Spins a node in a thread of its own until it is closed, now and then.
+    A thread that spins a node in short slices until it is closed.
 
-    Pictures need no more, and no message of the robot wakes a processor that odometry may want.
+    Frames need no more, and messages of the robot do not wake a processor that odometry may need.
     """
 
     def __init__(self, node: Node) -> None:
         self._executor = runner.make_executor()
         self._executor.add_node(node)
-        self._ends = threading.Event()
+        self._is_closed = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='ros')
         self._thread.start()
 
     def close(self) -> None:
         """End the thread, and wait for it."""
-        self._ends.set()
+        self._is_closed.set()
         self._executor.wake()
         self._thread.join()
 
     def _spin(self) -> None:
-        while not self._ends.wait(ASLEEP):
-            self._executor.spin_until_future_complete(Future(), timeout_sec=AWAKE)
+        while not self._is_closed.wait(SPIN_PAUSE_S):
+            self._executor.spin_until_future_complete(Future(), timeout_sec=SPIN_SLICE_S)

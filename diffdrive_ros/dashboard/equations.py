@@ -1,4 +1,4 @@
-"""The equations of the robot with today's numbers, for a person to read."""
+"""The equations of the kinematics with the numbers of the robot, as text."""
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.validation import Array
@@ -29,14 +29,14 @@ def equations(drive: DiffDrive, pose: npt.ArrayLike, speeds: npt.ArrayLike) -> s
 def homogeneous(pose: Array) -> Array:
     """Return the homogeneous matrix of a pose, (3, 3)."""
     matrix = np.eye(3)
-    # Its columns are what the pose makes of the axes and of the origin.
+    # Its columns are the transformed axes and origin.
     matrix[:2, :2] = se2.rotate(pose[2], np.eye(2)).T
     matrix[:2, 2] = pose[:2]
     return matrix
 
 
 def _rounded(values: Array, digits: int) -> Array:
-    """Return values as they are written, none of them -0."""
+    """Return rounded values, none of them -0."""
     return np.round(values, digits) + 0.0
 
 

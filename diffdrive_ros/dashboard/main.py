@@ -1,8 +1,8 @@
 """
-A page in the browser: see the robot, drive it, touch its kinematics.
+Serve a page that shows a robot, drives it and sets its parameters.
 
-Serves it to this machine alone, and to others by --host, for those who know the address that is
-printed. With --simulate, simulator and odometry run too.
+It serves this machine alone; with --host also others, which need the token in the address that is
+printed. With --simulate, it starts simulator and odometry too.
 """
 import argparse
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 
 class DashboardError(Exception):
-    """The dashboard cannot start; the message says why."""
+    """The dashboard cannot start; the message is the reason."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -33,16 +33,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         epilog='ROS arguments come after --ros-args')
     parser.add_argument(
         '--host', default='127.0.0.1', help='address to serve at; another than 127.0.0.1 lets '
-        'other machines in, with the token that is printed')
+        'other machines connect, with the token that is printed')
     parser.add_argument('--port', type=int, default=8080, help='default: 8080')
     parser.add_argument(
         '--odometry', default='odometry',
-        help='node that is shown, in the namespace of the dashboard; default: odometry')
+        help='name of the observed node, in the namespace of the dashboard; default: odometry')
     parser.add_argument(
         '--simulate', action='store_true', help='start simulator and odometry too')
     options = parser.parse_args(remove_ros_args(['dashboard', *arguments])[1:])
     try:
-        import nicegui  # noqa: F401, asked for here so that its absence is said in one line
+        import nicegui  # noqa: F401, so that its absence is one line
     except ImportError:
         sys.exit('dashboard: nicegui is not installed: pip install nicegui')
     catch_signals()
@@ -57,14 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def catch_signals() -> None:
-    """Let every signal that stops a robot end the dashboard in one way: the server's own."""
+    """Have every stop signal end the dashboard through the signal handler of the server."""
     def end(number: int, frame: object) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     for each in STOP_SIGNALS:
         if each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.default_int_handler)
-        elif signal.getsignal(each) != signal.SIG_IGN:  # as nohup asks
+        elif signal.getsignal(each) != signal.SIG_IGN:  # by nohup
             signal.signal(each, end)
 
 
@@ -75,16 +75,16 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
 
     check_address(options.host, options.port)
     if options.simulate:
-        # What is started here commands wheels: it must not reach a robot on somebody's network.
+        # The simulated robot gets commands, which must not reach a robot on the network.
         os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = DashboardNode(options.odometry)
-        check_namespace(node.watched, node.get_namespace())
+        check_namespace(node.observed, node.get_namespace())
         if options.simulate and (topics := used_topics(node)):
             raise DashboardError(
-                f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
-                'another domain')
+                f'topics in use: {", ".join(topics)}; end those nodes, or set ROS_DOMAIN_ID to another '
+                'domain')
         token = None if options.host in LOOPBACK else secrets.token_urlsafe(24)
         started = running_robot('publish_limited_velocity:=true') if options.simulate else (
             nullcontext())
@@ -94,17 +94,17 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
         rclpy.try_shutdown()
 
 
-def check_namespace(watched: str, namespace: str) -> None:
-    """Raise DashboardError if the odometry that is watched is not that of the cmd_vel here."""
-    home = watched.rpartition('/')[0] or '/'
+def check_namespace(observed: str, namespace: str) -> None:
+    """Raise DashboardError if the observed node is in another namespace than this cmd_vel."""
+    home = observed.rpartition('/')[0] or '/'
     if home != namespace:
         raise DashboardError(
-            f'{watched} is not in the namespace {namespace}, whose cmd_vel would be driven; use '
-            f'--odometry {watched.rpartition("/")[2]} --ros-args -r __ns:={home}')
+            f'{observed} is not in the namespace {namespace}, where the dashboard publishes cmd_vel; use '
+            f'--odometry {observed.rpartition("/")[2]} --ros-args -r __ns:={home}')
 
 
 def check_address(host: str, port: int) -> None:
-    """Raise DashboardError if nothing can be served at an address."""
+    """Raise DashboardError if the address cannot be bound."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

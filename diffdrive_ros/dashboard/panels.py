@@ -1,64 +1,47 @@
 """The panels beside the map: the equations with their numbers, parameters, diagnostics."""
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from diffdrive_ros.dashboard import equations
-from diffdrive_ros.dashboard.dashboard_node import NoAnswerError
+from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError
+from diffdrive_ros.dashboard.driving_permission import DrivingPermission
+from diffdrive_ros.dashboard.elements import HoldButton, LiveText, notify_result
 from diffdrive_ros.dashboard.remote_parameters import RemoteParameter
-from diffdrive_ros.dashboard.robot import DashboardRobot, DIAGNOSTICS_SILENT
-from diffdrive_ros.dashboard.view import View
+from diffdrive_ros.dashboard.robot import DashboardRobot
+from diffdrive_ros.dashboard.robot_map import RobotMap
+from diffdrive_ros.dashboard.software_stop import DIAGNOSTICS_TIMEOUT_S
 from diffdrive_ros.node import clock
 from nicegui import ui
 from rcl_interfaces.msg import ParameterType
 
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
-STATUS_PERIOD = 1.0  # [s] between two looks at what comes once a second
-TOUCH_STANDS = 1.0  # [s] that a pose is shown after it was dragged
-EQUATIONS = 'equations'  # the text of this name
-
-
-class Hands(Protocol):
-    """What a panel needs of its page."""
-
-    def do_now(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
-        """Have an event do something to the robot, unless it was held up on its way."""
-
-    def set_pose(self, pose: Any) -> None:
-        """Set odometry to a pose, if the page may."""
-
-    def draw_touch(self, pose: Any, wheels: Any) -> None:
-        """Draw a pose and wheel speeds in place of those of the robot."""
-
-    def forget_touch(self) -> None:
-        """Draw the robot as it is."""
-
-    def tell(self, texts: Mapping[str, str]) -> None:
-        """Renew texts, by their names."""
-
-    def refuses(self) -> bool:
-        """Return whether the page may change nothing now, and say so if that is so."""
-
-    async def attempt(self, work: Any) -> bool:
-        """Wait for a service; say what it answers, or that it does not."""
+STATUS_PERIOD_S = 1.0
+DRAGGED_POSE_S = 1.0  # for which a pose is shown after it was dragged
+EQUATIONS = 'equations'  # label of its text
 
 
 class KinematicsPanel:
-    """The numbers of the robot, or of what a hand makes of it."""
+    """The equations with the numbers of the robot, or with those that are dragged on the map."""
 
-    def __init__(self, page: Hands, robot: DashboardRobot) -> None:
-        self._page, self._robot = page, robot
+    def __init__(
+        self, robot: DashboardRobot, robot_map: RobotMap, permission: DrivingPermission,
+    ) -> None:
+        self._robot, self._map, self._permission = robot, robot_map, permission
         self._pose: Sequence[float] | None = None
-        self._touched_at = -math.inf
+        self._dragged_at = -math.inf
         self.wheels: tuple[float, float] = (0.0, 0.0)
-        self._are_wheels_touched = False
+        self._has_wheels = False
         self._is_filling = False
+        robot_map.on_data('drag', self._on_drag)
         with ui.row().classes('gap-2 items-end'):
             self._x, self._y, self._theta = (
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
                 for name, step in (('x [m]', 0.1), ('y [m]', 0.1), ('θ [rad]', 0.1)))
-            page.do_now(ui.button('Set pose').props('no-caps dense'), 'click', self._on_set)
-            page.do_now(
+            permission.on_current(
+                ui.button('Set pose').props('no-caps dense'), 'click', lambda: self._set_pose(
+                    [field.value or 0.0 for field in (self._x, self._y, self._theta)]))
+            permission.on_current(
                 ui.button('Reset odometry').props('no-caps dense outline'), 'click',
                 self._on_reset)
         with ui.row().classes('gap-1 items-end'):
@@ -66,45 +49,54 @@ class KinematicsPanel:
                 ui.number(name, value=0.0, format='%.2f', step=0.5, on_change=self._on_speeds
                           ).props('dense').classes('w-24')
                 for name in ('left wheel [rad/s]', 'right wheel [rad/s]'))
-            View('hold', 'Hold to drive')
-            ui.button('Live', on_click=self._forget).props('no-caps dense outline')
-        self._source = ui.label().classes('text-sm quiet told')
-        View('text', EQUATIONS).classes('numbers')
-
-    def touch(self, pose: Any, wheels: Any) -> None:
-        """Take what is being dragged on the map."""
-        if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
-            self._pose, self._touched_at = pose, clock.steady()
-        if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
-            self._take_wheels(*map(float, wheels))
-            self._fill()
-        self.refresh()
-        self._page.tell({EQUATIONS: self.equations()})
+            HoldButton('Hold to drive')
+            ui.button('Live', on_click=self._on_live).props('no-caps dense outline')
+        self._source = ui.label().classes('text-sm quiet received')
+        LiveText(EQUATIONS).classes('numbers')
 
     def refresh(self) -> None:
-        """Say what the numbers are of."""
-        is_touched = self._touched_pose is not None or self._are_wheels_touched
-        self._source.set_text('As you touch it' if is_touched else (
-            'Not known yet: nothing on odom' if self._robot.odom is None
-            else 'As it was last: odom is silent' if self._robot.is_silent else 'As it is now'))
+        """Update the source of the numbers."""
+        is_dragged = self._dragged_pose is not None or self._has_wheels
+        self._source.set_text('Dragged or typed values' if is_dragged else (
+            'No values: nothing received on odom' if self._robot.odom is None
+            else 'Last values: odom is silent' if self._robot.is_silent else 'Live values'))
 
     def equations(self) -> str:
         """Return the equations with their numbers."""
-        pose = self._touched_pose or self._robot.odom or (0.0, 0.0, 0.0)
-        wheels = self.wheels if self._are_wheels_touched else self._robot.wheels
+        pose = self._dragged_pose or self._robot.odom or (0.0, 0.0, 0.0)
+        wheels = self.wheels if self._has_wheels else self._robot.wheels
         return equations.equations(
-            self._robot.drive, pose, wheels or (math.nan, math.nan))
+            self._robot.parameters.drive, pose, wheels or (math.nan, math.nan))
 
     @property
-    def _touched_pose(self) -> Sequence[float] | None:
-        return self._pose if clock.steady() - self._touched_at < TOUCH_STANDS else None
+    def _dragged_pose(self) -> Sequence[float] | None:
+        return self._pose if clock.steady() - self._dragged_at < DRAGGED_POSE_S else None
 
-    def _take_wheels(self, left: float, right: float) -> None:
-        self.wheels, self._are_wheels_touched = (left, right), True
+    def _on_drag(self, data: Mapping[str, Any]) -> None:
+        """Show what is dragged on the map; set the pose where it is dropped."""
+        pose, wheels = data.get('pose'), data.get('wheels')
+        if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
+            self._pose, self._dragged_at = pose, clock.steady()
+        if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
+            self.wheels, self._has_wheels = (float(wheels[0]), float(wheels[1])), True
+            self._fill()
+        self.refresh()
+        self._map.set_texts({EQUATIONS: self.equations()})
+        if data.get('isDropped') and pose:
+            if self._permission.check_current(data):
+                self._set_pose(pose)
+            else:
+                self._map.draw_measured()
+
+    def _set_pose(self, pose: Sequence[float]) -> None:
+        if self._permission.check_change():
+            self._robot.set_pose(pose)
+        else:
+            self._map.draw_measured()
 
     def _fill(self) -> None:
-        """Show the speeds of the wheels in their fields, which is no word of a person."""
-        self._is_filling = True  # each field tells of its change before the other one changes
+        """Write the wheel speeds into their fields, whose events are then not input."""
+        self._is_filling = True  # each field sends its event before the other one is written
         self._left.set_value(round(self.wheels[0], 2))
         self._right.set_value(round(self.wheels[1], 2))
         self._is_filling = False
@@ -115,53 +107,50 @@ class KinematicsPanel:
         left, right = self._left.value or 0.0, self._right.value or 0.0
         if (left, right) == (round(self.wheels[0], 2), round(self.wheels[1], 2)):
             return
-        self._take_wheels(left, right)
-        self._page.draw_touch(None, self.wheels)
-
-    def _on_set(self) -> None:
-        self._page.set_pose([field.value or 0.0 for field in (self._x, self._y, self._theta)])
+        self.wheels, self._has_wheels = (left, right), True
+        self._map.draw_dragged(None, self.wheels)
 
     async def _on_reset(self) -> None:
-        if not self._page.refuses():
-            await self._page.attempt(self._robot.reset())
+        if self._permission.check_change():
+            await notify_result(self._robot.reset())
 
-    def _forget(self) -> None:
-        self._pose, self._are_wheels_touched = None, False
+    def _on_live(self) -> None:
+        self._pose, self._has_wheels = None, False
         self.wheels = (0.0, 0.0)
         self._fill()
-        self._page.forget_touch()
+        self._map.draw_measured()
 
 
 class ParametersPanel:
-    """The live parameters, each with its description, its rule and the node's word on it."""
+    """The live parameters, each with its description, its rule and the response of the node."""
 
-    def __init__(self, page: Hands, robot: DashboardRobot) -> None:
-        self._page, self._robot = page, robot
+    def __init__(self, robot: DashboardRobot, permission: DrivingPermission) -> None:
+        self._parameters, self._permission = robot.parameters, permission
         self._shown: list[RemoteParameter] = []
         self._fields: dict[str, Any] = {}
-        self._answers: dict[str, ui.label] = {}
+        self._results: dict[str, ui.label] = {}
         self._list = ui.column().classes('w-full gap-3')
 
     def refresh(self) -> None:
-        """Follow the node."""
+        """Show the parameters as they were read last."""
         live = sorted(  # the limits of the axes, which are many, last
-            (each for each in self._robot.parameters if each.is_live),
+            (each for each in self._parameters.all if each.is_live),
             key=lambda each: ('.' in each.name, each.name))
-        if live == self._shown or repr(live) == repr(self._shown):
+        if live == self._shown or repr(live) == repr(self._shown):  # the latter for nan
             return
         before = {each.name: each.text for each in self._shown}
         self._shown = live
         if before.keys() != {each.name for each in live}:
             self._build()
             return
-        for each in live:  # but for those, what is typed stays
+        for each in live:  # what is typed into the others stays
             if each.text != before[each.name]:
                 self._fields[each.name].set_value(each.text)
 
     def _build(self) -> None:
         self._list.clear()
         self._fields.clear()
-        self._answers.clear()
+        self._results.clear()
         with self._list:
             for each in self._shown:
                 self._build_one(each)
@@ -178,78 +167,77 @@ class ParametersPanel:
                 field.props('dense outlined').classes('grow')
                 self._fields[name] = field
                 button = ui.button('Set').props(f'no-caps dense aria-label="Set {name}"')
-                self._page.do_now(button, 'click', lambda: self._set(name))
+                self._permission.on_current(button, 'click', lambda: self._set(name))
             rule = f'It {parameter.rule}.' if parameter.rule else ''
-            ui.label(f'{parameter.description} {rule}').classes(
-                'text-sm quiet')
-            answer = ui.label().classes('text-sm font-bold').props('role=status')
-            self._answers[name] = answer
-        field.on('update:model-value', lambda: answer.set_text(''), args=[])
+            ui.label(f'{parameter.description} {rule}').classes('text-sm quiet')
+            result = ui.label().classes('text-sm font-bold').props('role=status')
+            self._results[name] = result
+        field.on('update:model-value', lambda: result.set_text(''), args=[])
         if isinstance(field, ui.input):
-            self._page.do_now(field, 'keydown.enter', lambda: self._set(name))
+            self._permission.on_current(field, 'keydown.enter', lambda: self._set(name))
 
     async def _set(self, name: str) -> None:
-        if self._page.refuses():
+        if not self._permission.check_change():
             return
         try:
-            reason = await self._robot.set_parameter(name, str(self._fields[name].value))
-        except NoAnswerError as error:
+            reason = await self._parameters.set(name, str(self._fields[name].value))
+        except ServiceError as error:
             reason = str(error)
         if reason:
             now = next((each.text for each in self._shown if each.name == name), 'not known')
             reason = f'Refused: {reason}. It is {now}'
-        self._answers[name].set_text(reason or 'Set')
-        self._answers[name].classes(**{'add' if reason else 'remove': 'refused'})
+        self._results[name].set_text(reason or 'Set')
+        self._results[name].classes(**{'add' if reason else 'remove': 'refused'})
 
 
 class DiagnosticsPanel:
     """
-    What the nodes say of themselves: of a large robot, hundreds of statuses a second.
+    The statuses of all nodes: of a large robot, hundreds a second.
 
-    So it is renewed only while it is looked at, as often as statuses come, and where they changed.
+    So it is refreshed only while it is open, at the rate of the statuses, and where they changed.
     """
 
-    def __init__(self, robot: DashboardRobot) -> None:
-        self._robot = robot
-        self._renewed_at = -math.inf
-        self._nothing = ui.label('Nothing on /diagnostics yet')
+    def __init__(self, node: DashboardNode) -> None:
+        self._node = node
+        self._refreshed_at = -math.inf
+        self._placeholder = ui.label('Nothing received on /diagnostics')
         self._list = ui.column().classes('w-full gap-2 statuses')
         self._rows: dict[str, StatusRow] = {}
 
     def refresh(self) -> None:
-        """Renew what has changed."""
+        """Show the newest statuses."""
         now = clock.steady()
-        if now - self._renewed_at < STATUS_PERIOD:
+        if now - self._refreshed_at < STATUS_PERIOD_S:
             return
-        self._renewed_at = now
-        told = dict(self._robot.node.diagnostics)
-        self._nothing.set_visibility(not told)
-        for name in self._rows.keys() - told.keys():
+        self._refreshed_at = now
+        statuses = dict(self._node.diagnostics)
+        self._placeholder.set_visibility(not statuses)
+        for name in self._rows.keys() - statuses.keys():
             self._rows.pop(name).remove()
-        for place, name in enumerate(sorted(told)):
+        for index, name in enumerate(sorted(statuses)):
             if name not in self._rows:
                 with self._list:
-                    self._rows[name] = StatusRow(place)
-            heard_at, status = told[name]
-            self._rows[name].tell(status, now - heard_at > DIAGNOSTICS_SILENT)
+                    self._rows[name] = StatusRow(index)
+            received_at, status = statuses[name]
+            self._rows[name].show(status, now - received_at > DIAGNOSTICS_TIMEOUT_S)
 
 
 class StatusRow:
-    """One status, at a place among the others."""
+    """One status, at an index among the others."""
 
-    def __init__(self, place: int) -> None:
+    def __init__(self, index: int) -> None:
         self._column = ui.column().classes('w-full gap-0')
         with self._column:
             self._title = ui.label().classes('font-bold')
-            self._figures = ui.label().classes('text-sm quiet')
-        self._column.move(target_index=place)
+            self._values = ui.label().classes('text-sm quiet')
+        self._column.move(target_index=index)
 
-    def tell(self, status: Any, is_old: bool) -> None:
-        """Show a status; what has not changed is not sent to the page."""
+    def show(self, status: Any, is_old: bool) -> None:
+        """Show a status; labels that do not change are not sent to the browser."""
         level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
         self._title.set_text(f'{level}  {status.name}: {status.message}')
-        self._figures.set_text(', '.join(f'{each.key} {each.value}' for each in status.values))
+        self._values.set_text(', '.join(f'{each.key} {each.value}' for each in status.values))
 
     def remove(self) -> None:
-        """Take it off the page."""
+        """Remove it from the page."""
         self._column.delete()

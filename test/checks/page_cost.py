@@ -2,9 +2,8 @@
 What the page costs an odometry on the same machine: round trips with it open, and without.
 
 A round trip is from the publication of joint_states to the receipt of odom, in another process;
-each round has a new odometry. The browser is one as a person has it: nobody watches
-over it, for whoever does is told of each picture, and wants the processor as well. Ends with 1 if
-a figure is above its bound. make page runs it.
+each round has a new odometry. The browser runs without a debugger, which would receive each frame
+and use the processor as well. Exits with 1 if a figure is above its bound. make page runs it.
 """
 import argparse
 from collections.abc import Iterator
@@ -22,8 +21,8 @@ import time
 from benchmark.benchmark import node_of, run
 from support.browser import CHROMIUM, Dashboard, missing
 
-WORST = {'cpu_us': 1.1, 'p99_us': 2.0}  # times the figure without the page
-OPENING = 6.0  # [s] until the page is there and all of it is drawn
+MAX_RATIOS = {'cpu_us': 1.1, 'p99_us': 2.0}  # of the figures with and without the page
+OPENING_S = 6.0  # until the page is loaded and drawn
 DOMAINS = range(60, 100)
 
 
@@ -40,19 +39,19 @@ def main() -> int:
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     rounds: dict[bool, list[dict[str, float]]] = {False: [], True: []}
     for number in range(2 * options.rounds):
-        has_page = number % 4 in (1, 2)  # so that neither always follows the other
+        has_page = number % 4 in (1, 2)  # in turns, against drift
         with page() if has_page else nullcontext('') as shares:
             rounds[has_page].append(measured(domain, options.seconds))
-        print(f'{"beside the page" if has_page else "without":16}{told(rounds[has_page][-1])}'
+        print(f'{"beside the page" if has_page else "without":16}{formatted(rounds[has_page][-1])}'
               f'   {shares}', flush=True)
-    is_wrong = False
+    is_above = False
     for figure in ('cpu_us', 'p50_us', 'p99_us'):
         alone, both = (median(each[figure] for each in which) for which in rounds.values())
-        bound = WORST.get(figure)
-        is_wrong |= bound is not None and both > bound * alone
+        bound = MAX_RATIOS.get(figure)
+        is_above |= bound is not None and both > bound * alone
         print(f'{figure}: {alone:.0f} without, {both:.0f} beside the page: '
               f'{both / alone:.2f} times' + (f', at most {bound:g}' if bound else ''))
-    return int(is_wrong)
+    return int(is_above)
 
 
 def measured(domain: int, seconds: float) -> dict[str, float]:
@@ -65,18 +64,18 @@ def measured(domain: int, seconds: float) -> dict[str, float]:
     return result
 
 
-def told(figures: dict[str, float]) -> str:
+def formatted(figures: dict[str, float]) -> str:
     """Return the figures of a round as text."""
     return ' '.join(f'{figures[name]:5.0f}' for name in ('cpu_us', 'p50_us', 'p99_us'))
 
 
 @contextmanager
 def page() -> Iterator['Shares']:
-    """Have a dashboard serve, and a browser show its page."""
+    """Start a dashboard and a browser that shows its page."""
     dashboard = Dashboard()
     try:
         dashboard.wait_until_it_serves()
-        # Dozens of processes write there until the last one has ended.
+        # Dozens of processes write there until the last one has exited.
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
             browser = subprocess.Popen(
                 [str(CHROMIUM), '--headless', '--no-sandbox', '--no-first-run', '--disable-sync',
@@ -84,8 +83,8 @@ def page() -> Iterator['Shares']:
                  '--window-size=1280,720', f'--user-data-dir={profile}', dashboard.url],
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
             try:
-                time.sleep(OPENING)
-                shares = Shares(server=dashboard.number, browser=browser.pid)
+                time.sleep(OPENING_S)
+                shares = Shares(server=dashboard.pid, browser=browser.pid)
                 yield shares
                 shares.take()
             finally:
@@ -96,7 +95,7 @@ def page() -> Iterator['Shares']:
 
 
 class Shares:
-    """How much of a processor the processes of some sessions want."""
+    """The share of a processor that the processes of some sessions use."""
 
     def __init__(self, **sessions: int) -> None:
         self._sessions = sessions
@@ -104,12 +103,12 @@ class Shares:
         self._text = ''
 
     def take(self) -> None:
-        """Take how much it was until now; one that shows nothing is an error."""
+        """Measure the shares until now; a page that draws nothing is an error."""
         spent = time.monotonic() - self._before[1]
         shares = {name: (ticks - self._before[0][name]) / os.sysconf('SC_CLK_TCK') / spent
                   for name, ticks in self._ticks().items()}
         if min(shares.values()) < 0.01:
-            raise SystemExit(f'nothing was shown: {shares}')
+            raise SystemExit(f'nothing was drawn: {shares}')
         self._text = ', '.join(f'{name} {share:.0%} of a core' for name, share in shares.items())
 
     def __str__(self) -> str:
@@ -120,7 +119,7 @@ class Shares:
         for stat in Path('/proc').glob('[0-9]*/stat'):
             try:
                 number, fields = stat.parent.name, stat.read_text().rpartition(')')[2].split()
-            except OSError:  # it has ended
+            except OSError:  # it has exited
                 continue
             for name, session in self._sessions.items():
                 if session in (int(number), int(fields[3])):

@@ -2,8 +2,8 @@
 From a key press in the browser to the wheel command, on this machine.
 
 Starts simulator, odometry, dashboard and a browser in the ROS domain that is set, presses W at
-random phases, and takes the time until the first wheel command that is not zero is heard: from
-the event in the browser, and from before the browser is told to press. make latency runs it.
+random phases, and measures the time until the first wheel command that is not zero arrives: from
+the event in the browser, and from the call that presses. make latency runs it.
 """
 import argparse
 import os
@@ -13,14 +13,14 @@ import time
 
 from playwright.sync_api import sync_playwright
 from sensor_msgs.msg import JointState
-from support.browser import CHROMIUM, Dashboard, Hands
+from support.browser import CHROMIUM, Dashboard, Person
 from support.station import Station, wait_until
 
-WORST = 0.060  # [s] at the 95th percentile
+MAX_LATENCY_S = 0.060  # at the 95th percentile
 
 
 def main() -> None:
-    """Measure, and print figures; ends with 1 if they are above their bound."""
+    """Measure and print the latencies; exit with 1 if they are above the bound."""
     parser = argparse.ArgumentParser(description=__doc__.strip().split('\n')[0])
     parser.add_argument('--presses', type=int, default=200)
     options = parser.parse_args()
@@ -35,7 +35,7 @@ def main() -> None:
                     executable_path=CHROMIUM, args=['--no-sandbox'])
                 page = browser.new_page()
                 page.goto(dashboard.url)
-                measured = presses(Hands(page), station, options.presses)
+                measured = presses(Person(page), station, options.presses)
                 rate = frames(page)
                 browser.close()
         finally:
@@ -48,34 +48,34 @@ def main() -> None:
         p95 = sorted(values)[int(0.95 * (len(values) - 1))]
         print(f'from {name}: {len(values)} presses, median {statistics.median(values) * 1e3:.1f} '
               f'ms, p95 {p95 * 1e3:.1f} ms, worst {max(values) * 1e3:.1f} ms')
-    print(f'{rate:.1f} pictures a second')
-    raise SystemExit(p95 >= WORST)
+    print(f'{rate:.1f} frames a second')
+    raise SystemExit(p95 >= MAX_LATENCY_S)
 
 
-def presses(hands: Hands, station: Station, count: int) -> list[tuple[float, float]]:
+def presses(person: Person, station: Station, count: int) -> list[tuple[float, float]]:
     """Return the times from presses of W, by both clocks, to their wheel commands [s]."""
-    heard = station.hear(JointState, 'wheel_commands')
-    hands.wait_for('Nobody drives')
-    # performance.now() counts from timeOrigin; both are moved to the clock of this process.
-    hands.page.evaluate("""window.addEventListener('keydown', (event) => {
+    received = station.hear(JointState, 'wheel_commands')
+    person.wait_for('Nobody drives')
+    # event.timeStamp counts from timeOrigin; the offset converts it to the clock of this process.
+    person.page.evaluate("""window.addEventListener('keydown', (event) => {
         if (!event.repeat) window.pressedAt = performance.timeOrigin + event.timeStamp;
     }, true)""")
     chance, measured = random.Random(1), []
     while len(measured) < count:
-        hands.page.wait_for_timeout(chance.uniform(100.0, 200.0))
-        wait_until(lambda: not heard or not any(heard[-1][1].velocity))
-        seen = len(heard)
+        person.page.wait_for_timeout(chance.uniform(100.0, 200.0))
+        wait_until(lambda: not received or not any(received[-1][1].velocity))
+        seen = len(received)
         offset, called = time.time() - time.monotonic(), time.monotonic()
-        hands.page.keyboard.down('w')
+        person.page.keyboard.down('w')
         deadline = time.monotonic() + 1.0
         while time.monotonic() < deadline and not any(
-                any(message.velocity) for _, message in heard[seen:]):
+                any(message.velocity) for _, message in received[seen:]):
             time.sleep(0.001)
-        pressed = hands.page.evaluate('window.pressedAt') / 1e3 - offset
-        hands.page.keyboard.up('w')
-        moved = [at for at, message in heard[seen:] if any(message.velocity)]
+        pressed = person.page.evaluate('window.pressedAt') / 1e3 - offset
+        person.page.keyboard.up('w')
+        moved = [at for at, message in received[seen:] if any(message.velocity)]
         if not moved:
-            print(f'a press was not driven: {hands.status}')
+            print(f'a press was ignored: {person.status}')
             measured.append((1.0, 1.0))
             continue
         measured.append((moved[0] - pressed, moved[0] - called))
@@ -83,7 +83,7 @@ def presses(hands: Hands, station: Station, count: int) -> list[tuple[float, flo
 
 
 def frames(page: object) -> float:
-    """Return how many pictures a second are drawn."""
+    """Return how many frames a second are drawn."""
     drawn = 'Number(document.querySelector("canvas").dataset.drawn)'
     before, start = page.evaluate(drawn), time.monotonic()
     page.wait_for_timeout(5000)

@@ -1,8 +1,8 @@
-"""Nobody but the page itself, and those who know the token, get through."""
+"""Only the page itself passes, and from other machines only with the token."""
 import asyncio
 import socket
 
-from diffdrive_ros.dashboard.access_control import address, COOKIE, WebGuard
+from diffdrive_ros.dashboard.access_control import AccessControl, address, COOKIE
 import pytest
 
 HOST = ('host', '127.0.0.1:8080')
@@ -10,8 +10,8 @@ OURS = ('origin', 'http://127.0.0.1:8080')
 TOKEN = 'a-token'
 
 
-def ask(*headers, token=None, kind='http', query=''):
-    """Return the status that a guard answers with (200: it let through), and its headers."""
+def request(*headers, token=None, kind='http', query=''):
+    """Return status (200: passed on) and headers of the response to a request."""
     sent = []
 
     async def app(scope, receive, send):
@@ -25,7 +25,7 @@ def ask(*headers, token=None, kind='http', query=''):
 
     scope = {'type': kind, 'query_string': query.encode(), 'path': '/', 'headers': [
         (name.encode(), value.encode()) for name, value in headers]}
-    asyncio.run(WebGuard(app, token)(scope, receive, send))
+    asyncio.run(AccessControl(app, token)(scope, receive, send))
     if sent[0]['type'] == 'websocket.close':
         return 403, {}
     return sent[0]['status'], {
@@ -33,8 +33,8 @@ def ask(*headers, token=None, kind='http', query=''):
 
 
 @pytest.mark.parametrize('kind', ['http', 'websocket'])
-def test_the_page_itself_is_let_through(kind):
-    assert ask(HOST, OURS, kind=kind)[0] == 200
+def test_page_itself_is_accepted(kind):
+    assert request(HOST, OURS, kind=kind)[0] == 200
 
 
 @pytest.mark.parametrize('kind', ['http', 'websocket'])
@@ -42,76 +42,76 @@ def test_the_page_itself_is_let_through(kind):
     'http://evil.example', 'http://127.0.0.1:9090', 'http://localhost:8080', 'null', '',
     'file://', 'http://127.0.0.1:8080.evil.example', 'http://[', 'ftp://127.0.0.1:8080'])
 @pytest.mark.parametrize('token', [None, TOKEN])
-def test_every_other_origin_is_refused(kind, origin, token):
+def test_other_origin_is_refused(kind, origin, token):
     cookie = ('cookie', f'{COOKIE}={TOKEN}')
-    assert ask(HOST, ('origin', origin), cookie, kind=kind, token=token)[0] == 403
+    assert request(HOST, ('origin', origin), cookie, kind=kind, token=token)[0] == 403
 
 
-def test_a_socket_without_an_origin_is_refused():
-    assert ask(HOST, kind='websocket')[0] == 403
+def test_socket_without_an_origin_is_refused():
+    assert request(HOST, kind='websocket')[0] == 403
 
 
 @pytest.mark.parametrize('host', ['evil.example:8080', '', '[', '192.0.2.1:8080'])
-def test_a_foreign_name_that_points_here_is_refused(host):
-    assert ask(('host', host), ('origin', f'http://{host}'), kind='websocket')[0] == 403
-    assert ask(('host', host))[0] == 403
+def test_foreign_host_name_is_refused(host):
+    assert request(('host', host), ('origin', f'http://{host}'), kind='websocket')[0] == 403
+    assert request(('host', host))[0] == 403
 
 
 @pytest.mark.parametrize('host', ['localhost:1', '127.0.0.1', '[::1]:8080'])
-def test_every_name_of_this_machine_is_right(host):
-    assert ask(('host', host), ('origin', f'http://{host}'), kind='websocket')[0] == 200
+def test_every_name_of_this_machine_is_accepted(host):
+    assert request(('host', host), ('origin', f'http://{host}'), kind='websocket')[0] == 200
 
 
-def test_without_the_token_nothing_is_served():
-    assert ask(HOST, token=TOKEN)[0] == 403
-    assert ask(HOST, OURS, token=TOKEN, kind='websocket')[0] == 403
-    assert ask(HOST, token=TOKEN, query='token=another')[0] == 403
-    assert ask(HOST, ('cookie', f'{COOKIE}=another'), token=TOKEN)[0] == 403
+def test_requests_without_the_token_are_refused():
+    assert request(HOST, token=TOKEN)[0] == 403
+    assert request(HOST, OURS, token=TOKEN, kind='websocket')[0] == 403
+    assert request(HOST, token=TOKEN, query='token=another')[0] == 403
+    assert request(HOST, ('cookie', f'{COOKIE}=another'), token=TOKEN)[0] == 403
 
 
-def test_the_token_becomes_a_cookie_that_opens():
-    status, headers = ask(HOST, token=TOKEN, query=f'token={TOKEN}')
+def test_token_becomes_a_cookie_that_is_accepted():
+    status, headers = request(HOST, token=TOKEN, query=f'token={TOKEN}')
     assert (status, headers['location']) == (303, '/')
     assert 'HttpOnly' in headers['set-cookie']
     assert 'SameSite=Strict' in headers['set-cookie']
     cookie = ('cookie', headers['set-cookie'].partition(';')[0])
-    assert ask(HOST, cookie, token=TOKEN)[0] == 200
-    assert ask(HOST, OURS, cookie, token=TOKEN, kind='websocket')[0] == 200
+    assert request(HOST, cookie, token=TOKEN)[0] == 200
+    assert request(HOST, OURS, cookie, token=TOKEN, kind='websocket')[0] == 200
 
 
 @pytest.mark.parametrize('other', [
     'theme={"dark": true, "size": [1, 2]}', 'a b=c', '=', 'unquoted="', f'{COOKIE}=another'])
-def test_a_cookie_of_somebody_else_does_not_hide_ours(other):
-    """Browsers send those of every server on the machine, whatever its port."""
+def test_cookie_of_another_server_does_not_hide_the_token(other):
+    """Browsers send the cookies of every server on the machine, whatever its port."""
     for cookies in (f'{other}; {COOKIE}={TOKEN}', f'{COOKIE}={TOKEN}; {other}'):
-        assert ask(HOST, ('cookie', cookies), token=TOKEN)[0] == 200
-    assert ask(HOST, ('cookie', other), token=TOKEN)[0] == 403
+        assert request(HOST, ('cookie', cookies), token=TOKEN)[0] == 200
+    assert request(HOST, ('cookie', other), token=TOKEN)[0] == 403
 
 
-def test_a_cookie_whose_name_only_ends_like_ours_does_not_open():
-    assert ask(HOST, ('cookie', f'x{COOKIE}={TOKEN}'), token=TOKEN)[0] == 403
+def test_cookie_whose_name_ends_alike_is_refused():
+    assert request(HOST, ('cookie', f'x{COOKIE}={TOKEN}'), token=TOKEN)[0] == 403
 
 
 @pytest.mark.parametrize('site', ['cross-site', 'same-site'])
 @pytest.mark.parametrize(('mode', 'kind', 'status'), [
     ('no-cors', 'image', 403), ('no-cors', 'script', 403), ('navigate', 'iframe', 403),
     ('navigate', 'document', 200)])
-def test_other_pages_may_lead_here_and_embed_nothing_of_it(site, mode, kind, status):
-    assert ask(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', mode),
+def test_other_pages_may_link_but_not_embed(site, mode, kind, status):
+    assert request(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', mode),
                ('sec-fetch-dest', kind))[0] == status
 
 
 @pytest.mark.parametrize('site', ['none', 'same-origin'])
-def test_the_page_may_ask_for_its_own_files(site):
-    assert ask(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', 'no-cors'))[0] == 200
+def test_page_may_request_its_own_files(site):
+    assert request(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', 'no-cors'))[0] == 200
 
 
-def test_the_token_in_the_address_of_a_socket_does_not_open_it():
-    assert ask(HOST, OURS, token=TOKEN, kind='websocket', query=f'token={TOKEN}')[0] == 403
+def test_token_in_the_address_of_a_socket_is_refused():
+    assert request(HOST, OURS, token=TOKEN, kind='websocket', query=f'token={TOKEN}')[0] == 403
 
 
-def test_other_pages_cannot_show_this_one_within_them():
-    headers = ask(HOST)[1]
+def test_other_pages_cannot_embed_this_one():
+    headers = request(HOST)[1]
     assert headers['x-frame-options'] == 'DENY'
     assert 'frame-ancestors' in headers['content-security-policy']
 
@@ -119,5 +119,5 @@ def test_other_pages_cannot_show_this_one_within_them():
 @pytest.mark.parametrize(('host', 'name'), [
     ('0.0.0.0', socket.gethostname()), ('::', socket.gethostname()), ('192.0.2.1', '192.0.2.1'),
     ('fd00::1', '[fd00::1]')])
-def test_the_address_that_is_printed_can_be_opened(host, name):
+def test_printed_address_can_be_opened(host, name):
     assert address(host, 8080, 'a b') == f'http://{name}:8080/?token=a%20b'

@@ -1,4 +1,4 @@
-"""The numbers beside the map are those of the core."""
+"""The text of the equations has the numbers of the core."""
 import re
 
 from diffdrive_ros.core.kinematics import DiffDrive
@@ -18,23 +18,23 @@ def numbers(text, name, rows):
             for line in lines[first + 1:first + 1 + rows]]
 
 
-def test_the_jacobians_are_shown():
+def test_equations_have_the_jacobians():
     text = equations(DRIVE, (0.4, -0.3, 0.7), (2.0, 5.0))
     assert np.allclose(numbers(text, 'H', 2), DRIVE.wheel_jacobian, atol=1e-4)
     assert np.allclose(numbers(text, 'H⁺', 3), DRIVE.body_jacobian, atol=1e-4)
 
 
-def test_the_homogeneous_matrix_does_what_the_pose_does():
+def test_homogeneous_matrix_transforms_as_the_pose():
     pose, point = (0.4, -0.3, 0.7), (1.1, 0.2)
     assert (homogeneous(pose) @ [*point, 1.0])[:2] == pytest.approx(transform(pose, point))
 
 
-def test_the_twist_is_that_of_the_wheels():
+def test_equations_have_the_twist_of_the_wheels():
     linear, angular = DRIVE.body_twist(2.0, 5.0)
     assert f"V_b = H⁺ φ' = ({linear:.3f}, 0, {angular:.3f}) m/s, rad/s" in equations(
         DRIVE, (0.0, 0.0, 0.0), (2.0, 5.0))
 
 
-def test_no_number_is_minus_zero():
+def test_equations_have_no_minus_zero():
     text = equations(DRIVE, (-1e-5, -1e-5, -1e-5), (-1e-4, -1e-4))
     assert not re.search(r'-0\.0+\b', text)

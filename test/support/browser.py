@@ -1,4 +1,4 @@
-"""A browser, a dashboard and what stands between them, for tests."""
+"""A browser, a dashboard and the network between them, for tests."""
 from collections.abc import Callable
 import http.client
 import os
@@ -34,7 +34,7 @@ def missing() -> str:
 
 
 def free_port() -> int:
-    """Return a port of this machine that nobody uses."""
+    """Return a port that is not in use."""
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return probe.getsockname()[1]
@@ -45,7 +45,7 @@ class Dashboard:
 
     def __init__(self, *arguments: str, port: int | None = None) -> None:
         self.port = port or free_port()
-        # NiceGUI serves in another way where it believes that it is in pytest itself.
+        # NiceGUI serves in another way if these variables are set.
         environment = {
             name: value for name, value in os.environ.items() if not name.startswith('PYTEST_')}
         self._process = subprocess.Popen(
@@ -56,17 +56,17 @@ class Dashboard:
         self.url = f'http://127.0.0.1:{self.port}/'
 
     def wait_until_it_serves(self) -> str:
-        """Return the address that it printed."""
+        """Return the address that it prints."""
         deadline = time.monotonic() + 30.0
         while 'dashboard: http' not in self.output:
             assert time.monotonic() < deadline, self.output
             line = self._process.stdout.readline()
-            assert line, f'it ended: {self.output}'
+            assert line, f'it exited: {self.output}'
             self.output += line
-        wait_until(self._answers)
+        wait_until(self._accepts)
         return re.search(r'dashboard: (\S+)', self.output)[1]
 
-    def _answers(self) -> bool:
+    def _accepts(self) -> bool:
         try:
             with socket.create_connection(('127.0.0.1', self.port), 1.0):
                 return True
@@ -74,18 +74,18 @@ class Dashboard:
             return False
 
     def get(self, path: str = '/', method: str = 'GET', **headers: str) -> tuple[int, str]:
-        """Return status and body of a request; header_name is header-name."""
+        """Return status and body of a response; header_name is header-name."""
         connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=10.0)
         connection.request(method, path, headers={
             name.replace('_', '-'): value for name, value in headers.items()})
-        answer = connection.getresponse()
-        body = '' if answer.status == 101 else answer.read().decode(errors='replace')
+        response = connection.getresponse()
+        body = '' if response.status == 101 else response.read().decode(errors='replace')
         connection.close()
-        return answer.status, body
+        return response.status, body
 
     @property
-    def number(self) -> int:
-        """Return the number of the process."""
+    def pid(self) -> int:
+        """Return the process ID."""
         return self._process.pid
 
     def signal(self, number: signal.Signals) -> None:
@@ -98,7 +98,7 @@ class Dashboard:
         return self._process.returncode
 
     def close(self) -> None:
-        """End it, and what it started."""
+        """End it, and its child processes."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             try:
@@ -109,7 +109,7 @@ class Dashboard:
 
 
 class Link:
-    """A wire to a port of this machine that can be cut, and mended, while it is used."""
+    """A connection to a local port that can be cut, and mended, while it is used."""
 
     def __init__(self, port: int) -> None:
         self._target = port
@@ -121,11 +121,11 @@ class Link:
         self._threads[0].start()
 
     def cut(self) -> None:
-        """Let nothing through; what is sent meanwhile waits, as on a network that lost it."""
+        """Hold back all data, as on a network that loses packets."""
         self._is_cut.set()
 
     def mend(self) -> None:
-        """Let everything through again, what has waited first."""
+        """Pass on the data again, in order."""
         self._is_cut.clear()
 
     def close(self) -> None:
@@ -154,7 +154,7 @@ class Link:
                 try:
                     if select.select([source], [], [], 0.02)[0] and not self._is_cut.is_set():
                         target.sendall(source.recv(65536) or self._raise())
-                except (OSError, ValueError):  # one end is closed, by the other direction perhaps
+                except (OSError, ValueError):  # one end is closed, maybe by the other thread
                     target.close()
                     return
 
@@ -164,7 +164,7 @@ class Link:
 
 
 class Browsers:
-    """The processes of a browser that was started here, to be stopped and continued."""
+    """The processes of the browser of this process, to suspend and resume them."""
 
     def __init__(self) -> None:
         self._numbers = _descendants(os.getpid(), 'chromium')
@@ -181,7 +181,7 @@ def _descendants(root: int, name: str) -> list[int]:
     for number in map(int, filter(str.isdigit, os.listdir('/proc'))):
         try:
             head, tail = Path(f'/proc/{number}/stat').read_text().rsplit(')', 1)
-        except OSError:  # it ended meanwhile
+        except OSError:  # it exited meanwhile
             continue
         parents[number], names[number] = int(tail.split()[1]), head.partition('(')[2]
     found = {root}
@@ -192,19 +192,19 @@ def _descendants(root: int, name: str) -> list[int]:
         found |= more
 
 
-class Hands:
-    """What a person does with a page, and what the page tells."""
+class Person:
+    """What a person does on a page, and sees there."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
 
     @property
     def status(self) -> str:
-        """Return what the page says of how things stand."""
+        """Return the status line."""
         return self.page.locator('header [role=status]').inner_text()
 
     def wait_for(self, words: str) -> None:
-        """Return when the page says so."""
+        """Wait until the status line has some words."""
         from playwright.sync_api import TimeoutError as TooLateError
 
         try:
@@ -212,14 +212,13 @@ class Hands:
                 'it => document.querySelector("header [role=status]").innerText.includes(it)',
                 arg=words, timeout=20000)
         except TooLateError:
-            raise AssertionError(f'{words!r} is not what it says: {self.status!r}') from None
+            raise AssertionError(f'{words!r} is not in the status line: {self.status!r}') from None
 
     def press(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
         """
-        Press a key until something is so, and leave it down.
+        Press a key until a condition holds, and keep it down.
 
-        On a machine that is busy, pages and servers lose their beat, and then it counts only when
-        it is pressed anew.
+        On a busy machine heartbeats are late, and the key has to be pressed again.
         """
         deadline = time.monotonic() + timeout
         self.page.keyboard.down(key)
@@ -234,21 +233,21 @@ class Hands:
                 pressed = time.monotonic()
 
     def hold(self, key: str, until: Callable[[], object], timeout: float = 40.0) -> None:
-        """Hold a key until something is so, and release it."""
+        """Hold a key until a condition holds, and release it."""
         try:
             self.press(key, until, timeout)
         finally:
             self.page.keyboard.up(key)
 
     def handles(self) -> dict[str, tuple[float, float]]:
-        """Return where on the page the robot can be touched."""
+        """Return the positions on the page of the handles of the robot."""
         box = self.page.locator('canvas').bounding_box()
         found = self.page.evaluate(
             'getElement(Number(document.querySelector("canvas").id.slice(1))).handles()')
         return {name: (box['x'] + x, box['y'] + y) for name, (x, y) in found.items()}
 
     def drag(self, start: tuple[float, float], right: float, down: float) -> None:
-        """Drag from a place on the page by so many pixels."""
+        """Drag from a position on the page by a number of pixels."""
         mouse = self.page.mouse
         mouse.move(*start)
         mouse.down()

@@ -1,0 +1,90 @@
+"""Whether one page may drive the robot, or change anything of it."""
+from collections.abc import Callable
+import math
+from typing import Any
+
+from diffdrive_ros.dashboard.robot import DashboardRobot
+from diffdrive_ros.node import clock
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+
+class DrivingPermission:
+    """What a page may do; a real robot has to be unlocked first, and anew after each restart."""
+
+    def __init__(self, robot: DashboardRobot, page: str) -> None:
+        self._robot, self._page = robot, page
+        self._unlocked_arrival: int | None = None
+
+    @property
+    def is_driver(self) -> bool:
+        """Return whether this page drives."""
+        return self._robot.teleop.driver == self._page
+
+    @property
+    def is_unlocked(self) -> bool:
+        """Return whether the real robot that is present was unlocked."""
+        return self._unlocked_arrival == self._robot.commands.arrivals
+
+    @property
+    def may_change(self) -> bool:
+        """Return whether this page may change anything of the robot."""
+        return self._robot.is_simulated or self.is_unlocked
+
+    @property
+    def may_drive(self) -> bool:
+        """Return whether this page may drive the robot."""
+        return not self._robot.reason_not_to_drive and self.may_change
+
+    @property
+    def stop_reason(self) -> str:
+        """Return why the commands of this page are not driven, for a person to read."""
+        return self._robot.teleop.stop_reason(self._page)
+
+    def unlock(self, arrival: int) -> None:
+        """Permit to drive the real robot of an arrival."""
+        self._unlocked_arrival = arrival
+
+    def lock(self) -> None:
+        """Withdraw that permission."""
+        self._unlocked_arrival = None
+        self.enforce()
+
+    def enforce(self) -> None:
+        """Stop a robot that this page drives and may drive no more."""
+        if self.is_driver and not self.may_drive:
+            self.leave()
+
+    def leave(self) -> None:
+        """Give up control; stop if this page drives."""
+        self._robot.publish(self._robot.teleop.leave(self._page))
+
+    def check_change(self) -> bool:
+        """Return whether this page may change something now; notify if not."""
+        if not self.may_change:
+            ui.notify('This is a real robot: choose “Drive this real robot” first.',
+                      type='warning')
+        elif self._robot.teleop.driver not in (None, self._page):
+            ui.notify('Another page drives: take control first.', type='warning')
+        else:
+            return True
+        return False
+
+    def check_current(self, frame: Any) -> bool:
+        """Return whether an event was made on a current frame; notify if not."""
+        try:
+            frame_time, stop_count = float(frame['frameTime']) / 1e3, int(frame['stopCount'])
+        except (KeyError, TypeError, ValueError, OverflowError):
+            frame_time, stop_count = math.nan, 0
+        if self._robot.teleop.is_current(frame_time, stop_count, clock.steady()):
+            return True
+        ui.notify('The latency was too high, or STOP was pressed meanwhile: nothing was changed. '
+                  'Check the page, and try again.', type='warning')
+        return False
+
+    def on_current(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
+        """Call a function at an event, unless its latency was too high."""
+        def handle(arguments: GenericEventArguments) -> Any:
+            return act() if self.check_current(arguments.args) else None
+
+        element.on(event, handle, js_handler='() => emit(window.drawnFrame)')
