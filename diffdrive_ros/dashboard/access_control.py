@@ -108,7 +108,7 @@ def _is_web(origin: str) -> bool:
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> None:
-    """Respond 403; a socket is closed before it is accepted, for which servers respond the same."""
+    """Respond 403; a socket is closed before it is accepted, which servers turn into 403."""
     if scope['type'] == 'websocket':
         await receive()
         await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})

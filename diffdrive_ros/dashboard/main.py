@@ -83,8 +83,8 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
         check_namespace(node.observed, node.get_namespace())
         if options.simulate and (topics := used_topics(node)):
             raise DashboardError(
-                f'topics in use: {", ".join(topics)}; end those nodes, or set ROS_DOMAIN_ID to another '
-                'domain')
+                f'topics in use: {", ".join(topics)}; end those nodes, or set ROS_DOMAIN_ID to '
+                'another domain')
         token = None if options.host in LOOPBACK else secrets.token_urlsafe(24)
         started = running_robot('publish_limited_velocity:=true') if options.simulate else (
             nullcontext())
@@ -99,8 +99,8 @@ def check_namespace(observed: str, namespace: str) -> None:
     home = observed.rpartition('/')[0] or '/'
     if home != namespace:
         raise DashboardError(
-            f'{observed} is not in the namespace {namespace}, where the dashboard publishes cmd_vel; use '
-            f'--odometry {observed.rpartition("/")[2]} --ros-args -r __ns:={home}')
+            f'{observed} is not in the namespace {namespace}, where the dashboard publishes '
+            f'cmd_vel; use --odometry {observed.rpartition("/")[2]} --ros-args -r __ns:={home}')
 
 
 def check_address(host: str, port: int) -> None:

@@ -180,7 +180,7 @@ class ParametersPanel:
         if not self._permission.check_change():
             return
         try:
-            reason = await self._parameters.set(name, str(self._fields[name].value))
+            reason = await self._parameters.change(name, str(self._fields[name].value))
         except ServiceError as error:
             reason = str(error)
         if reason:

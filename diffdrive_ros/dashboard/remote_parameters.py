@@ -88,7 +88,7 @@ class RemoteParameters:
         if mismatch:
             raise ServiceError(self.mismatch)
 
-    async def set(self, name: str, text: str) -> str:
+    async def change(self, name: str, text: str) -> str:
         """Set a parameter to a text; return why it was refused, or ''; raises ServiceError."""
         kind = next(each.kind for each in self.all if each.name == name)
         try:

@@ -97,8 +97,9 @@ def test_cookie_whose_name_ends_alike_is_refused():
     ('no-cors', 'image', 403), ('no-cors', 'script', 403), ('navigate', 'iframe', 403),
     ('navigate', 'document', 200)])
 def test_other_pages_may_link_but_not_embed(site, mode, kind, status):
-    assert request(HOST, ('sec-fetch-site', site), ('sec-fetch-mode', mode),
-               ('sec-fetch-dest', kind))[0] == status
+    assert request(
+        HOST, ('sec-fetch-site', site), ('sec-fetch-mode', mode),
+        ('sec-fetch-dest', kind))[0] == status
 
 
 @pytest.mark.parametrize('site', ['none', 'same-origin'])

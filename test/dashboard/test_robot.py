@@ -371,7 +371,7 @@ def test_parameter_is_set_though_it_cannot_be_read_again(
         return await call(service, request)
 
     robot.node.call = call_in_vain
-    assert asyncio.run(robot.parameters.set('cmd_vel_timeout', '0.4')) == ''
+    assert asyncio.run(robot.parameters.change('cmd_vel_timeout', '0.4')) == ''
     assert 'not known yet' in receive_odom().reason_not_to_drive
 
 

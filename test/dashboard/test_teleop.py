@@ -25,8 +25,8 @@ class Pages:
     def __init__(self) -> None:
         self.teleop, self.now, self._number = Teleop(), 100.0, 0
 
-    def heartbeat(self, page, twist, *, latency=0.0, number=None, is_interrupted=False,
-             may_drive=True):
+    def heartbeat(
+            self, page, twist, *, latency=0.0, number=None, is_interrupted=False, may_drive=True):
         """Send a heartbeat of a page whose newest frame was sent latency [s] ago."""
         self._number += 1
         return self.teleop.accept(page, Heartbeat(
