@@ -50,7 +50,7 @@ latency:  ## measure from key press to wheel command: make latency ARGS='--press
 page:  ## measure what the page costs an odometry beside it: make page ARGS='--rounds 3'
 	@.ci/environment test python -m checks.page_cost $(ARGS)
 
-mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23'
+mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23', ARGS='--tenth 3'
 	@.ci/environment test python -m checks.mutants $(ARGS)
 
 fuzz:  ## send ten million messages through the pure modules: make fuzz ARGS='--seed 2'

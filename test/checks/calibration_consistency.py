@@ -22,7 +22,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 CALIBRATIONS = 500
-LOW, HIGH = 0.9, 1.1
+BAND = 0.1  # around 1, for that many: three deviations of chance; wider for fewer
 NOMINAL = DiffDrive(0.30, 0.05, 0.05)
 NOISE = WheelNoise(6e-6, 6e-6, 4e-5)
 
@@ -98,12 +98,13 @@ def scores(count: int, seed: int) -> Iterator[Array]:
 def judge(count: int, seed: int) -> bool:
     """Print the table; return whether the error bars are true."""
     table = np.array(list(scores(count, seed)))
+    band = BAND * math.sqrt(CALIBRATIONS / count)
     print(f'z-scores of {count} calibrations by {len(SHAPES)} drives each, to be within '
-          f'{LOW} and {HIGH} in standard deviation.')
+          f'{1.0 - band:.2f} and {1.0 + band:.2f} in standard deviation.')
     true = True
     for name, column in zip(('separation', 'left radius', 'right radius'), table.T, strict=True):
         spread = float(column.std())
-        good = LOW < spread < HIGH
+        good = abs(spread - 1.0) < band
         true = true and good
         print(f'{name:13}mean {column.mean():6.3f}   standard deviation {spread:.3f}'
               + ('' if good else '   FAILED'))
