@@ -63,5 +63,5 @@ bench:  ## measure what node and core cost, into doc/performance.md: make bench 
 	@.ci/environment test python -m benchmark.benchmark $(ARGS)
 
 clean:  ## remove all that was made, the virtual environments too
-	rm -rf .venv .venv-ros .colcon build dist demo.png example optiodom *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-ros .colcon build dist install log demo.png example optiodom *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find diffdrive_ros test -name __pycache__ -prune -exec rm -rf {} +
