@@ -47,8 +47,28 @@ CORE = {
 }
 # The tools for logs, which may need these besides; the core may need none of it.
 OFFLINE = {
+    'calibration.model': ({'core.validation', 'core.kinematics', 'core.odometry', 'core.replay',
+                           'core.wheel_feedback'}, set()),
+    'calibration.covariance': ({'core.validation', 'calibration.linearization'}, {'scipy'}),
+    'calibration.residuals': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
+                               'calibration.model', 'calibration.linearization',
+                               'calibration.covariance'}, set()),
+    'calibration.initial_guess': ({'core.validation', 'core.se2', 'core.kinematics',
+                                   'core.odometry', 'calibration.model',
+                                   'calibration.residuals'}, {'scipy'}),
+    'calibration.likelihood': ({'core.validation', 'calibration.covariance',
+                                'calibration.residuals'}, {'scipy'}),
+    'calibration.outliers': ({'calibration.covariance', 'calibration.likelihood',
+                              'calibration.model', 'calibration.residuals'}, {'scipy'}),
     'calibration.fit': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
-                         'calibration.linearization'}, {'scipy'}),
+                         'calibration.initial_guess', 'calibration.covariance',
+                         'calibration.likelihood', 'calibration.model', 'calibration.outliers',
+                         'calibration.residuals'}, set()),
+    'calibration.cross_validation': ({'core.validation', 'core.kinematics', 'core.replay',
+                                      'core.odometry_config', 'calibration.fit',
+                                      'calibration.model'}, set()),
+    'calibration.node_parameters': ({'core.kinematics', 'core.odometry_config',
+                                     'calibration.end_pose', 'calibration.model'}, set()),
     'tools.logs': ({'core.validation', 'core.wheel_feedback', 'tools.log_messages', 'core.cdr',
                     'core.odometry', 'core.quaternion', 'core.replay'},
                    {'rosbags'}),
@@ -58,13 +78,14 @@ OFFLINE = {
         {'core.evaluation', 'core.replay', 'tools.logs', 'tools.parameter_file', 'tools.plots'},
         set()),
     'tools.calibrate': (
-        {'core.validation', 'calibration.fit', 'core.kinematics', 'tools.logs',
-         'calibration.end_pose',
-         'core.odometry_config', 'core.replay', 'tools.parameter_file',
-         'tools.plots', 'tools.replay'}, {'rich', 'threadpoolctl'}),
+        {'core.validation', 'calibration.fit', 'calibration.model', 'tools.logs',
+         'calibration.end_pose', 'calibration.covariance', 'calibration.cross_validation',
+         'calibration.node_parameters', 'tools.parameter_file', 'tools.plots', 'tools.replay'},
+        {'rich', 'threadpoolctl'}),
     'tools.plots': (
         # the types only
-        {'core.validation', 'core.replay', 'tools.calibrate', 'calibration.fit', 'tools.logs'},
+        {'core.validation', 'core.replay', 'calibration.cross_validation', 'calibration.model',
+         'tools.logs'},
         {'matplotlib'}),
 }
 

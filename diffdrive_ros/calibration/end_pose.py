@@ -19,26 +19,33 @@ import numpy.typing as npt
 
 
 @dataclass(frozen=True)
-class LoopCalibration:
+class EndPoseCalibration:
     """
-    The geometry by end poses; covariance, (3, 3), is that of separation, left and right radius.
+    The geometry by end poses; covariance, (3, 3), in the order of GEOMETRY_PARAMETERS.
 
-    It is singular where the mean radius was taken for known.
+    It is singular where the mean radius is not observed, but fixed to the nominal one.
     """
 
     drive: DiffDrive
     covariance: Array
+    has_mean_radius: bool
     separation_ratio: float
     """E_b: the separation over the nominal one."""
     diameter_ratio: float
     """E_d: the right diameter over the left one."""
-    ratio_deviations: tuple[float, float]
+    ratio_std: tuple[float, float]
     """Of E_b and E_d."""
+
+    @property
+    def geometry_std(self) -> Array:
+        """Return the standard deviations of the geometry [m], (3,); 0 if not known."""
+        # Where the sum of both radii is fixed, their covariance is that of the ratio alone.
+        return np.sqrt(np.diag(self.covariance)) * [1, self.has_mean_radius, self.has_mean_radius]
 
 
 def umbmark(
     clockwise: npt.ArrayLike, counter_clockwise: npt.ArrayLike, side: float, nominal: DiffDrive,
-) -> LoopCalibration:
+) -> EndPoseCalibration:
     """
     Return the geometry by squares of a side [m], driven both ways, turning on the spot.
 
@@ -82,15 +89,15 @@ def umbmark(
     by_logarithms = _by_logarithms(drive)
     ratio_b, ratio_d = np.exp(logarithms).tolist()
     ratio_d *= nominal.right_wheel_radius / nominal.left_wheel_radius
-    return LoopCalibration(
-        drive, by_logarithms @ spread @ by_logarithms.T, ratio_b, ratio_d,
+    return EndPoseCalibration(
+        drive, by_logarithms @ spread @ by_logarithms.T, False, ratio_b, ratio_d,
         (ratio_b * math.sqrt(spread[0, 0]), ratio_d * math.sqrt(spread[1, 1])))
 
 
 def line_and_turn(
     line: Sequence[float], distance: float, sideways: float, turn: Sequence[float], turned: float,
     nominal: DiffDrive, deviations: Sequence[float] = (0.0, 0.0, 0.0),
-) -> LoopCalibration:
+) -> EndPoseCalibration:
     """
     Return the geometry by one straight line and one turn on the spot.
 
@@ -125,8 +132,8 @@ def line_and_turn(
     drive = DiffDrive(*geometry.tolist())
     ratio = drive.right_wheel_radius / drive.left_wheel_radius
     of_ratio = np.array([0.0, -ratio / drive.left_wheel_radius, 1.0 / drive.left_wheel_radius])
-    return LoopCalibration(
-        drive, covariance, drive.wheel_separation / nominal.wheel_separation, ratio,
+    return EndPoseCalibration(
+        drive, covariance, True, drive.wheel_separation / nominal.wheel_separation, ratio,
         (math.sqrt(covariance[0, 0]) / nominal.wheel_separation,
          math.sqrt(of_ratio @ covariance @ of_ratio)))
 

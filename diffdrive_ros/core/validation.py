@@ -62,20 +62,6 @@ def not_negative(name: str, value: float) -> float:
     return number
 
 
-# A measure that is not within these multiples of its nominal value is none of this robot.
-PLAUSIBLE = (0.5, 2.0)
-
-
-def plausible(name: str, found: float, nominal: float) -> float:
-    """Return a measure [m] that was found, if it can be that of the robot, or raise ValueError."""
-    least, most = PLAUSIBLE
-    if not least <= found / nominal <= most:
-        raise ValueError(
-            f'{name} = {1e3 * found:.4g} mm: must be {least:g} to {most:g} times '
-            f'{1e3 * nominal:.4g} mm')
-    return found
-
-
 def real_number(value: object) -> float | None:
     """Return a real number as a float; None for another type and for an overflow."""
     try:

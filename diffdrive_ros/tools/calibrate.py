@@ -7,7 +7,6 @@ poses of squares driven both ways, and line-and-turn a straight line and turns o
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import astuple, dataclass, replace
 import importlib.util
 import json
 import os
@@ -17,11 +16,10 @@ import sys
 import threading
 from typing import TYPE_CHECKING, TypeVar
 
+from diffdrive_ros.calibration import node_parameters
 from diffdrive_ros.calibration.end_pose import line_and_turn, umbmark
-from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.odometry_config import OdometryConfig
-from diffdrive_ros.core.replay import compare, Comparison, first_compared, replay
-from diffdrive_ros.core.validation import Array, plausible
+from diffdrive_ros.calibration.model import check_geometry, GEOMETRY_PARAMETERS
+from diffdrive_ros.core.validation import Array, UserError
 from diffdrive_ros.tools import logs, parameter_file
 from diffdrive_ros.tools.logs import Log, Wanted
 from diffdrive_ros.tools.parameter_file import RobotParameters
@@ -36,12 +34,10 @@ from diffdrive_ros.tools.replay import (
 import numpy as np
 
 if TYPE_CHECKING:
-    from diffdrive_ros.calibration.fit import Calibration, Drive, Terms
+    from diffdrive_ros.calibration.cross_validation import FinalErrors
+    from diffdrive_ros.calibration.model import Calibration, Run
 
 OutT = TypeVar('OutT')
-
-# Where the drives do not tell a measure: how well it is known by hand [m].
-BY_HAND = (0.002, 0.0001, 0.0001)
 
 # A reference whose headings are noisier than this tells by its positions only [rad].
 HEADLESS = 0.3
@@ -119,69 +115,15 @@ def read_log(path: Path, robot: RobotParameters, wanted: Wanted) -> Log:
     return log
 
 
-def drive_of(log: Log) -> 'Drive':
+def run_of(log: Log) -> 'Run':
     """Return a log as the calibration takes it; raises ValueError."""
-    from diffdrive_ros.calibration.fit import Drive
+    from diffdrive_ros.calibration.model import Run
 
     stamps, left, right = log.wheels()
     assert log.reference is not None
-    return Drive(
+    return Run(
         log.name, (stamps - stamps[0]) * 1e-9, left, right,
         (log.reference.stamps_ns - stamps[0]) * 1e-9, log.reference.poses)
-
-
-def calibrate_by(drives: 'Sequence[Drive]', nominal: DiffDrive, terms: 'Terms') -> 'Calibration':
-    """Return the calibration by drives of which none is an outlier; for a process of its own."""
-    from diffdrive_ros.calibration.fit import calibrate
-
-    return calibrate(drives, nominal, terms, keep_all=True)
-
-
-# What was found, for people and for the node
-
-@dataclass(frozen=True)
-class Judged:
-    """Final errors of a drive: before, calibrated, and calibrated by all the others [m]."""
-
-    name: str
-    time_offset: float | None
-    """
-    What is added to the reference's stamps, as replay's option of that name [s].
-
-    None if a drive that was left out does not tell it; its errors are without then.
-    """
-    before: float
-    after: float
-    unseen: float | None
-    is_outlier: bool
-
-
-def multipliers_of(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
-    """Return the parameters that make one geometry of the other."""
-    return {
-        f'{name}_multiplier': getattr(drive, name) / getattr(nominal, name)
-        for name in ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')}
-
-
-def parameters_of(robot: RobotParameters, found: 'Calibration') -> dict[str, object]:
-    """Return the parameters of the robot with what was found put in."""
-    deviations = [
-        deviation or before or by_hand for deviation, before, by_hand in zip(
-            astuple(found.uncertainty), astuple(robot.config.geometry_uncertainty), BY_HAND,
-            strict=True)]
-    return dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
-        'left_wheel_travel_variance': found.noise.left_travel,
-        'right_wheel_travel_variance': found.noise.right_travel,
-        'turn_variance': found.noise.turn or robot.config.noise.turn,
-        'wheel_separation_std': deviations[0],
-        'left_wheel_radius_std': deviations[1],
-        'right_wheel_radius_std': deviations[2],
-    })
-
-
-def _rounded(values: dict[str, float]) -> dict[str, float]:
-    """Return what was found with as many digits as people can bear; what is copied keeps all."""
-    return {name: float(f'{value:.9g}') for name, value in values.items()}
 
 
 COMMENTS = {
@@ -198,26 +140,26 @@ COMMENTS = {
 
 def summary_of(robot: RobotParameters, found: 'Calibration') -> str:
     """Return what was found as lines of text."""
-    from diffdrive_ros.calibration.fit import FLOORS
+    from diffdrive_ros.calibration.covariance import MIN_VARIANCES
 
     def shown(value: float, floor: float) -> str:
         return f'{"< " if value < 1.01 * floor else ""}{value:.2g}'
 
-    travel, turn = map(shown, (found.noise.left_travel, found.noise.turn), FLOORS)
+    travel, turn = map(shown, (found.noise.left_travel, found.noise.turn), MIN_VARIANCES)
     spread = shown(  # its floor is relative
-        1e3 * found.separation_spread, 1e3 * found.drive.wheel_separation * FLOORS[2]**0.5)
+        1e3 * found.separation_spread, 1e3 * found.drive.wheel_separation * MIN_VARIANCES[2]**0.5)
     position, heading, time, slow_position, slow_heading = (
         shown(1e3 * value, 1e3 * floor**0.5) for value, floor in zip(
             (found.position_std, found.heading_std, found.time_std, found.slow_position_std,
-             found.slow_heading_std), FLOORS[3:], strict=True))
-    before, drive, deviations = robot.config.drive, found.drive, found.deviations
+             found.slow_heading_std), MIN_VARIANCES[3:], strict=True))
+    before, drive, deviations = robot.config.drive, found.drive, found.geometry_std
     lines = [f'{"":24}{"before":>12}{"calibrated":>12}{"deviation":>12}']
-    for index, name in enumerate(('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')):
+    for index, name in enumerate(GEOMETRY_PARAMETERS):
         deviation = _or_not_known(1e3 * deviations[index], '.3f')
         lines.append(
             f'{name + " [mm]":24}{1e3 * getattr(before, name):12.3f}'
             f'{1e3 * getattr(drive, name):12.3f}{deviation:>12}')
-    lines += [f'not observed: {what}; as before' for what in found.not_observed]
+    lines += [f'not observed: {what}; as before' for what in found.unobservable]
     if deviations[0]:
         lines.append(
             'spread of separation   '
@@ -238,7 +180,7 @@ def summary_of(robot: RobotParameters, found: 'Calibration') -> str:
     ]
     if found.reference_std[1] > HEADLESS:
         lines.append('the headings of the reference do not fit: in degrees, or none?')
-    for each in found.drives:
+    for each in found.runs:
         if each.outlier:
             lines.append(f'left out: {each.name}: {each.outlier}')
     return '\n'.join(lines)
@@ -250,81 +192,23 @@ def options_for_replay(marker: Iterable[float], reference_std: Iterable[float]) 
             '--reference-std', *(f'{each:.5f}' for each in reference_std)]
 
 
-def judged_table(judged: Sequence[Judged]) -> str:
+def judged_table(judged: 'Sequence[FinalErrors]') -> str:
     """Return the final errors of each drive as lines of text, and the medians of those kept."""
     lines = [f'{"final error [m]":28}{"before":>10}{"calibrated":>12}{"unseen":>10}'
              f'{"--time-offset [s]":>19}']
     for each in judged:
-        unseen = '-' if each.unseen is None else f'{each.unseen:.4f}'
-        offset = '-' if each.time_offset is None else f'{each.time_offset:.4f}'
+        unseen = '-' if each.cross_validated is None else f'{each.cross_validated:.4f}'
+        offset = '-' if each.clock_offset is None else f'{each.clock_offset:.4f}'
         lines.append(
-            f'{each.name:28}{each.before:10.4f}{each.after:12.4f}{unseen:>10}{offset:>19}')
+            f'{each.name:28}{each.before:10.4f}{each.calibrated:12.4f}{unseen:>10}{offset:>19}')
     kept = [each for each in judged if not each.is_outlier]
-    unseen_errors = [each.unseen for each in kept if each.unseen is not None]
+    unseen_errors = [each.cross_validated for each in kept if each.cross_validated is not None]
     lines.append(
         f'{"median":28}{np.median([each.before for each in kept]):10.4f}'
-        f'{np.median([each.after for each in kept]):12.4f}'
+        f'{np.median([each.calibrated for each in kept]):12.4f}'
         + (f'{np.median(unseen_errors):10.4f}' if unseen_errors else f'{"-":>10}'))
+    lines += [f'not cross-validated: {each.failure}' for each in judged if each.failure]
     return '\n'.join(lines)
-
-
-def compared(
-    log: Log, config: OdometryConfig, found: 'Calibration', time_offset: float | None,
-) -> Comparison:
-    """Return odometry of a log beside its reference, from the first pose on."""
-    time_offset = time_offset or 0.0
-    assert log.reference is not None
-    every = max(1, len(log.samples) // 500)
-    known_ns = first_compared(log.samples, log.reference, time_offset)
-    return compare(
-        replay(config, log.samples, every, known_ns), log.reference, marker=found.marker,
-        time_offset=time_offset, reference_std=found.reference_std)
-
-
-def judge(
-    log: Log, drive: 'Drive', index: int, robot: RobotParameters, found: 'Calibration',
-    unseen: 'Calibration | None', terms: 'Terms',
-) -> Judged:
-    """Return how far odometry is from the reference at the end of the drive with this index."""
-    from diffdrive_ros.calibration.fit import CalibrationError, clock_offset
-
-    def offset(by: 'Calibration') -> float | None:
-        try:
-            return clock_offset(drive, by) if terms.time_offset else 0.0
-        except CalibrationError:
-            return None
-
-    def final_error(geometry: DiffDrive, by: 'Calibration', time_offset: float | None) -> float:
-        return compared(
-            log, replace(robot.config, drive=geometry), by, time_offset).figures.final_position
-
-    report = found.drives[index]
-    own = offset(found) if report.outlier else report.time_offset
-    by_others = None if unseen is None else offset(unseen)
-    return Judged(
-        log.name, own, final_error(robot.config.drive, found, own),
-        final_error(found.drive, found, own),
-        None if unseen is None or by_others is None
-        else final_error(unseen.drive, unseen, by_others),
-        bool(report.outlier))
-
-
-def cross_validate(
-    drives: 'Sequence[Drive]', robot: RobotParameters, terms: 'Terms', found: 'Calibration',
-) -> 'dict[int, Calibration]':
-    """
-    Return, for each drive, a calibration that has not seen it; not for what Ctrl-C cut off.
-
-    That is the one by all others, but for outliers: those it has not seen anyway.
-    """
-    kept = [index for index, drive in enumerate(found.drives) if not drive.outlier]
-    tasks = [([drives[other] for other in kept if other != index], robot.config.drive, terms)
-             for index in kept]
-    unseen = {index: found for index in range(len(drives)) if index not in kept}
-    for task, result in on_all_cores('Cross-validation', calibrate_by, tasks):
-        if not isinstance(result, ValueError):
-            unseen[kept[task]] = result
-    return unseen
 
 
 # The shell
@@ -392,7 +276,13 @@ def run(options: argparse.Namespace) -> None:
     for extra in ('rich', 'scipy'):
         if importlib.util.find_spec(extra) is None:
             raise OptionError(f'{extra} is needed: pip install {extra}')
-    from diffdrive_ros.calibration.fit import calibrate, Terms
+    from diffdrive_ros.calibration.cross_validation import (
+        calibrate_without,
+        compare_run,
+        final_errors,
+    )
+    from diffdrive_ros.calibration.fit import calibrate
+    from diffdrive_ros.calibration.model import Terms
     from rich.console import Console
 
     _keep_to_one_core()
@@ -407,24 +297,28 @@ def run(options: argparse.Namespace) -> None:
     if len(read) < len(tasks):
         raise KeyboardInterrupt
     kept = [read[index] for index in sorted(read)]
-    drives = [drive_of(log) for log in kept]
+    runs = [run_of(log) for log in kept]
     terms = Terms(
-        time_offset='time-offset' not in options.without, marker='marker' not in options.without)
+        clock_offset='time-offset' not in options.without, marker='marker' not in options.without)
     with Console(stderr=True).status('Fitting'):
-        found = calibrate(drives, robot.config.drive, terms)
+        found = calibrate(runs, robot.config.drive, terms)
     print(summary_of(robot, found))
-    unseen: dict[int, Calibration] = {}
-    if len(drives) > 2 and not options.no_validation:
-        unseen = cross_validate(drives, robot, terms, found)
+    cross_validated: dict[int, Calibration | UserError] = {}
+    if len(runs) > 2 and not options.no_validation:
+        folds = [(index, runs, robot.config.drive, terms, found) for index in range(len(runs))]
+        for index, fold in on_all_cores('Cross-validation', calibrate_without, folds):
+            if isinstance(fold, ValueError) and not isinstance(fold, UserError):
+                raise fold
+            cross_validated[index] = fold
     judged = [
-        judge(log, drives[index], index, robot, found, unseen.get(index), terms)
-        for index, log in enumerate(kept)]
+        final_errors(index, run, robot.config, terms, found, cross_validated.get(index))
+        for index, run in enumerate(runs)]
     print(judged_table(judged))
-    values = parameters_of(robot, found)
+    values = dict(robot.values) | node_parameters.from_runs(found, robot.config, robot.nominal)
     after = RobotParameters.of(values)
     if options.output:
         head = (
-            f'Calibrated by {sum(not each.outlier for each in found.drives)} of {len(kept)} '
+            f'Calibrated by {sum(not each.outlier for each in found.runs)} of {len(kept)} '
             'drives. Start the node with it:\n'
             '  ros2 run diffdrive_ros odometry --ros-args --params-file ' + options.output.name)
         parameter_file.write(options.output, values, COMMENTS, head)
@@ -434,9 +328,9 @@ def run(options: argparse.Namespace) -> None:
     if options.plot:
         from diffdrive_ros.tools import plots
         comparisons = [
-            {'before': compared(log, robot.config, found, each.time_offset),
-             'after': compared(log, after.config, found, each.time_offset)}
-            for log, each in zip(kept, judged, strict=True)]
+            {'before': compare_run(run, robot.config, found, each.clock_offset),
+             'after': compare_run(run, after.config, found, each.clock_offset)}
+            for run, each in zip(runs, judged, strict=True)]
         plots.draw_calibration(options.plot, comparisons, found, judged)
 
 
@@ -460,27 +354,16 @@ def run_by_ends(options: argparse.Namespace) -> None:
         left, right, distance, sideways, turn_left, turn_right, turned = options.line_and_turn
         found = line_and_turn(
             (left, right), distance, sideways, (turn_left, turn_right), turned, robot.config.drive)
-    measures = ('wheel_separation', 'left_wheel_radius', 'right_wheel_radius')
-    for name in measures:
-        try:
-            plausible(name, getattr(found.drive, name), getattr(robot.config.drive, name))
-        except ValueError as error:
-            raise OptionError(
-                f'{error}: are angles in degrees, lengths in mm, signs turned round, or is the '
-                'nominal geometry far off?') from None
-    deviations = np.sqrt(np.diag(found.covariance)).tolist()
-    # The sum of both radii is what it was before: their covariance is that of the ratio alone.
-    known = [bool(deviation) and (name == 'wheel_separation' or not options.umbmark)
-             for name, deviation in zip(measures, deviations, strict=True)]
-    print(f'E_b {found.separation_ratio:.5f} ± {_or_not_known(found.ratio_deviations[0], ".5f")}, '
-          f'E_d {found.diameter_ratio:.5f} ± {_or_not_known(found.ratio_deviations[1], ".5f")}')
-    for name, deviation, is_known in zip(measures, deviations, known, strict=True):
+    check_geometry(
+        found.drive, robot.config.drive, 'are angles in degrees, lengths in mm, signs turned '
+        'round, or is the nominal geometry far off?')
+    print(f'E_b {found.separation_ratio:.5f} ± {_or_not_known(found.ratio_std[0], ".5f")}, '
+          f'E_d {found.diameter_ratio:.5f} ± {_or_not_known(found.ratio_std[1], ".5f")}')
+    for name, deviation in zip(GEOMETRY_PARAMETERS, found.geometry_std.tolist(), strict=True):
         print(f'{name:20} {1e3 * getattr(found.drive, name):9.3f} ± '
-              f'{_or_not_known(1e3 * deviation * is_known, ".3f")} mm')
+              f'{_or_not_known(1e3 * deviation, ".3f")} mm')
     if options.output:
-        values = dict(robot.values) | _rounded(multipliers_of(robot.nominal, found.drive) | {
-            f'{name}_std': max(deviation, by_hand) for name, deviation, by_hand in zip(
-                measures, deviations, BY_HAND, strict=True)})
+        values = dict(robot.values) | node_parameters.from_end_poses(found, robot.nominal)
         RobotParameters.of(values)
         parameter_file.write(options.output, values, COMMENTS, 'Calibrated by end poses.')
 
@@ -490,7 +373,7 @@ def _or_not_known(deviation: float, form: str) -> str:
 
 
 def as_json(
-    found: 'Calibration', judged: Sequence[Judged], values: Mapping[str, object],
+    found: 'Calibration', judged: 'Sequence[FinalErrors]', values: Mapping[str, object],
 ) -> dict[str, object]:
     """Return what was found, and what the parameters make of it, for json.dumps."""
     def listed(array: Array) -> object:
@@ -503,7 +386,7 @@ def as_json(
         'covariance': listed(found.covariance),
         'wheel_separation_std': values['wheel_separation_std'],
         'separation_spread': found.separation_spread,
-        'not_observed': list(found.not_observed),
+        'unobservable': list(found.unobservable),
         'left_wheel_travel_variance': found.noise.left_travel,
         'right_wheel_travel_variance': found.noise.right_travel,
         'turn_variance': values['turn_variance'],
@@ -514,10 +397,10 @@ def as_json(
             'reference_std': list(found.reference_std), 'marker': listed(found.marker),
             'marker_std': listed(found.marker_std)},
         'drives': [
-            {'name': each.name, 'time_offset': errors.time_offset, 'left_out': each.outlier,
-             'final_error_before': errors.before, 'final_error': errors.after,
-             'final_error_unseen': errors.unseen}
-            for each, errors in zip(found.drives, judged, strict=True)],
+            {'name': each.name, 'time_offset': errors.clock_offset, 'left_out': each.outlier,
+             'final_error_before': errors.before, 'final_error': errors.calibrated,
+             'final_error_unseen': errors.cross_validated}
+            for each, errors in zip(found.runs, judged, strict=True)],
     }
 
 

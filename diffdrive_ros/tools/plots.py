@@ -3,13 +3,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from diffdrive_ros.core.replay import Comparison, Replayed
+from diffdrive_ros.core.replay import Comparison, ReplayedOdometry
 from diffdrive_ros.core.validation import Array
 import numpy as np
 
 if TYPE_CHECKING:
-    from diffdrive_ros.calibration.fit import Calibration
-    from diffdrive_ros.tools.calibrate import Judged
+    from diffdrive_ros.calibration.cross_validation import FinalErrors
+    from diffdrive_ros.calibration.model import Calibration
     from diffdrive_ros.tools.logs import Log
 
 COLOURS = {'before': 'tab:orange', 'after': 'tab:blue', 'odometry': 'tab:blue'}
@@ -53,7 +53,7 @@ def draw_tracks(path: Path, title: str, seconds: Array, odometry: Array, truth: 
 
 
 def draw_replay(
-    path: Path, log: 'Log', results: Mapping[str, Replayed],
+    path: Path, log: 'Log', results: Mapping[str, ReplayedOdometry],
     comparisons: Mapping[str, Comparison],
 ) -> None:
     """Draw a page of one log: tracks with ellipses, errors along the way, speeds of the wheels."""
@@ -98,12 +98,12 @@ def draw_replay(
 
 def draw_calibration(
     path: Path, comparisons: Sequence[Mapping[str, Comparison]], found: 'Calibration',
-    judged: 'Sequence[Judged]',
+    judged: 'Sequence[FinalErrors]',
 ) -> None:
     """Draw a page of a calibration: tracks before and after, their errors, and the residuals."""
     figure, axes = _page(2, 3, (16.0, 10.0))
     (tracks, errors, ends), (bars, positions, headings) = axes
-    known = [f'{1e3 * each:.3f}' if each else 'not known' for each in found.deviations]
+    known = [f'{1e3 * each:.3f}' if each else 'not known' for each in found.geometry_std]
     figure.suptitle(
         f'Calibration: separation {1e3 * found.drive.wheel_separation:.2f} ± {known[0]}, radii '
         f'left {1e3 * found.drive.left_wheel_radius:.3f} ± {known[1]}, '
@@ -137,19 +137,19 @@ def draw_calibration(
     places = np.arange(len(judged))
     for offset, (label, values, colour) in zip((-0.27, 0.0, 0.27), (
             ('before', [each.before for each in judged], 'tab:orange'),
-            ('calibrated', [each.after for each in judged], 'tab:blue'),
-            ('by the others only', [each.unseen for each in judged], 'tab:green')),
+            ('calibrated', [each.calibrated for each in judged], 'tab:blue'),
+            ('by the others only', [each.cross_validated for each in judged], 'tab:green')),
             strict=True):
         bars.barh(places + offset, 1e3 * np.array(values, float), 0.25, color=colour, label=label)
     bars.set_yticks(places, [each.name[-24:] for each in judged])
     bars.invert_yaxis()
     _label(bars, 'final position error [mm]', '', 'Final errors')
-    for number, drive in enumerate(each for each in found.drives if not each.outlier):
+    for number, drive in enumerate(each for each in found.runs if not each.outlier):
         colour = f'C{number % 10}'
         x, y, heading = 1e3 * drive.residuals.T
-        positions.plot(drive.metres, x, color=colour, linewidth=0.6)
-        positions.plot(drive.metres, y, color=colour, linewidth=0.6, linestyle='--')
-        headings.plot(drive.metres, heading, color=colour, linewidth=0.6)
+        positions.plot(drive.distances, x, color=colour, linewidth=0.6)
+        positions.plot(drive.distances, y, color=colour, linewidth=0.6, linestyle='--')
+        headings.plot(drive.distances, heading, color=colour, linewidth=0.6)
     _label(
         positions, 'way [m]', 'residual [mm]', 'Residuals: x solid, y dashed; a colour a drive')
     _label(headings, 'way [m]', 'residual [mrad]', 'Residuals: heading')

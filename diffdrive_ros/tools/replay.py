@@ -13,7 +13,13 @@ import sys
 
 from diffdrive_ros.core import evaluation
 from diffdrive_ros.core.evaluation import Evaluation
-from diffdrive_ros.core.replay import compare, COMPARED, first_compared, replay, Replayed
+from diffdrive_ros.core.replay import (
+    compare,
+    comparison_start_ns,
+    MAX_COMPARED,
+    replay,
+    ReplayedOdometry,
+)
 from diffdrive_ros.tools import logs, parameter_file
 from diffdrive_ros.tools.logs import Wanted
 from diffdrive_ros.tools.parameter_file import RobotParameters
@@ -153,14 +159,14 @@ def run(options: argparse.Namespace) -> None:
             options, ('--marker', '--time-offset', '--align', '--reference-std'),
             'without a reference')
     is_full = options.output is not None and options.output.suffix == '.mcap'
-    every = 1 if is_full else max(1, len(log.samples) // COMPARED)
+    every = 1 if is_full else max(1, len(log.samples) // MAX_COMPARED)
     robots = {'': robot}
     if options.before:
         robots = {'before': parameter_file.read(options.before), 'after': robot}
     how, time_offset = options.align or 'start', options.time_offset or 0.0
     known_ns = None
     if log.reference is not None and how == 'start':
-        known_ns = first_compared(log.samples, log.reference, time_offset)
+        known_ns = comparison_start_ns(log.samples, log.reference, time_offset)
     # What is written has the covariances that the node would publish.
     results = {name: replay(each.config, log.samples, every, None if is_full else known_ns)
                for name, each in robots.items()}
@@ -173,7 +179,7 @@ def run(options: argparse.Namespace) -> None:
             for name, each in robots.items()}
         comparisons = {
             name: compare(
-                each, log.reference, how=how, time_offset=time_offset,
+                each, log.reference, alignment=how, clock_offset=time_offset,
                 marker=None if options.marker is None else np.array(options.marker),
                 reference_std=tuple(options.reference_std or (0.0, 0.0)))
             for name, each in judged.items()}
@@ -224,7 +230,7 @@ def table_of(columns: dict[str, Evaluation], how: str) -> str:
     return '\n'.join(line.rstrip() for line in lines)
 
 
-def write_poses(path: Path, replayed: Replayed, robot: RobotParameters) -> None:
+def write_poses(path: Path, replayed: ReplayedOdometry, robot: RobotParameters) -> None:
     """Write the poses in the format that the file's ending says."""
     stamps = replayed.stamps_ns.tolist()
     if path.suffix == '.csv':

@@ -63,8 +63,8 @@ def test_umbmark_stays_within_its_error_bars_with_noise():
             end_errors(truth, -1.0, 8, 0.02, seed), end_errors(truth, 1.0, 8, 0.02, seed + 1000),
             SIDE, NOMINAL)
         scores.append([
-            (found.separation_ratio - 1.012) / found.ratio_deviations[0],
-            (found.diameter_ratio - 1.004) / found.ratio_deviations[1]])
+            (found.separation_ratio - 1.012) / found.ratio_std[0],
+            (found.diameter_ratio - 1.004) / found.ratio_std[1]])
     # Student's t of 7 and more degrees of freedom.
     assert np.std(scores, axis=0) == pytest.approx([1.1, 1.1], abs=0.2)
     assert np.abs(np.mean(scores, axis=0)).max() < 0.25
@@ -76,7 +76,7 @@ def test_one_drive_of_a_way_does_not_tell_how_the_ends_scatter(counts):
     found = umbmark(*(
         end_errors(truth, sign, count, 0.02)
         for sign, count in zip((-1.0, 1.0), counts, strict=True)), SIDE, NOMINAL)
-    assert found.ratio_deviations == (0.0, 0.0)
+    assert found.ratio_std == (0.0, 0.0)
     assert not found.covariance.any()
 
 

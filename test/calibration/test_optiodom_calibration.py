@@ -25,8 +25,8 @@ def test_the_circles_give_the_geometry_that_their_authors_know(circular):
     assert circular.drive.wheel_separation == pytest.approx(0.2022, abs=0.5e-3)
     assert 2.0 * circular.drive.right_wheel_radius == pytest.approx(0.0837, abs=0.1e-3)
     assert 2.0 * circular.drive.left_wheel_radius == pytest.approx(0.0838, abs=0.1e-3)
-    assert circular.not_observed == ()
-    assert [drive.outlier for drive in circular.drives] == [''] * 6
+    assert circular.unobservable == ()
+    assert [drive.outlier for drive in circular.runs] == [''] * 6
 
 
 def test_the_circles_end_within_a_tenth_of_their_nominal_error(circular):

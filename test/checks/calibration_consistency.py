@@ -12,7 +12,8 @@ import functools
 import math
 import os
 
-from diffdrive_ros.calibration.fit import calibrate, Drive
+from diffdrive_ros.calibration.fit import calibrate
+from diffdrive_ros.calibration.model import Run
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import WheelNoise
@@ -40,10 +41,10 @@ SHAPES = {
 }
 
 
-def simulated_drive(
+def simulated_run(
     name: str, drive: DiffDrive, noise: WheelNoise, marker: Array, random: np.random.Generator,
     position_std: float = 1e-3, heading_std: float = 4e-3,
-) -> Drive:
+) -> Run:
     """Return the log of a drive along a shape; the capture has a frame and clock of its own."""
     rim_left = np.concatenate([
         np.full(round(seconds / STEP), linear - 0.5 * drive.wheel_separation * angular)
@@ -66,7 +67,7 @@ def simulated_drive(
     seconds = STEP * np.arange(count + 1)
     seen = se2.compose(poses, marker)[::STEPS_A_SAMPLE]
     seen = seen + random.normal(size=seen.shape) * [position_std, position_std, heading_std]
-    return Drive(
+    return Run(
         name, seconds[::STEPS_A_SAMPLE],
         np.concatenate([[0.0], np.cumsum(rim_left)])[::STEPS_A_SAMPLE] / drive.left_wheel_radius,
         np.concatenate([[0.0], np.cumsum(rim_right)])[::STEPS_A_SAMPLE] / drive.right_wheel_radius,
@@ -80,13 +81,13 @@ def z_scores(seed: int) -> Array:
         np.array([0.30, 0.05, 0.05]) * (1.0 + random.normal(size=3) * [0.01, 0.003, 0.003])))
     marker = random.normal(size=3) * [0.02, 0.02, 0.1]
     found = calibrate(
-        [simulated_drive(name, truth, NOISE, marker, random) for name in SHAPES], NOMINAL,
+        [simulated_run(name, truth, NOISE, marker, random) for name in SHAPES], NOMINAL,
         keep_all=True)
     errors = [
         found.drive.wheel_separation - truth.wheel_separation,
         found.drive.left_wheel_radius - truth.left_wheel_radius,
         found.drive.right_wheel_radius - truth.right_wheel_radius]
-    return np.array(errors) / found.deviations
+    return np.array(errors) / found.geometry_std
 
 
 def scores(count: int, seed: int) -> Iterator[Array]:

@@ -3,7 +3,7 @@ from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate
 from diffdrive_ros.core.odometry_config import OdometryConfig
 from diffdrive_ros.core.parameter_specs import checked_values, ODOMETRY
-from diffdrive_ros.core.replay import compare, first_compared, replay, Trajectory
+from diffdrive_ros.core.replay import compare, comparison_start_ns, replay, Trajectory
 from diffdrive_ros.core.wheel_feedback import WheelSample
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ def test_the_nees_is_one_whenever_the_reference_begins(begin):
     scores = []
     for samples, reference in drives_with_noise(200):
         part = Trajectory(reference.stamps_ns[begin:], reference.poses[begin:], 'world')
-        known_ns = first_compared(samples, part, 0.0)
+        reset_ns = comparison_start_ns(samples, part, 0.0)
         compared = compare(
-            replay(config, samples, known_ns=known_ns), part,
+            replay(config, samples, reset_ns=reset_ns), part,
             reference_std=(1e-4, 1e-4))
         scores.append(compared.figures.nees_final)
     assert np.mean(scores) == pytest.approx(1.0, abs=0.12)

@@ -8,8 +8,8 @@ import math
 from pathlib import Path
 import sys
 
-from diffdrive_ros.calibration.fit import Drive
 from diffdrive_ros.calibration.linearization import linearize
+from diffdrive_ros.calibration.model import Run
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate
@@ -31,7 +31,7 @@ def drives(recordings):
 def _drive(run):
     seconds, x, y, theta, right_ticks, left_ticks = np.loadtxt(run, delimiter=',').T
     seconds = seconds - seconds[0]
-    return Drive(
+    return Run(
         run.stem, seconds, np.cumsum(left_ticks) * TICK, np.cumsum(right_ticks) * TICK, seconds,
         np.stack([x, y, np.unwrap(theta)], axis=-1))
 

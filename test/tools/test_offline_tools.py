@@ -10,9 +10,11 @@ import subprocess
 import sys
 import time
 
-from checks.calibration_consistency import simulated_drive
-from diffdrive_ros.calibration import fit
+from checks.calibration_consistency import simulated_run
+from diffdrive_ros.calibration import fit, node_parameters
+from diffdrive_ros.calibration.cross_validation import FinalErrors
 from diffdrive_ros.calibration.end_pose import square_angles
+from diffdrive_ros.calibration.model import Run
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate, Odometry, WheelNoise
 from diffdrive_ros.core.odometry_config import OdometryConfig
@@ -74,7 +76,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp('drives')
     random = np.random.default_rng(11)
     for name in ('square', 'circle back', 'eight', 'there and back'):
-        drive = simulated_drive(name, TRUTH, NOISE, np.array([0.02, 0.01, 0.05]), random)
+        drive = simulated_run(name, TRUTH, NOISE, np.array([0.02, 0.01, 0.05]), random)
         write_csv(folder / f'{name.replace(" ", "_")}.csv', drive)
     (folder / 'nominal.yaml').write_text(NOMINAL)
     return folder
@@ -115,7 +117,7 @@ def late_clocks(tmp_path_factory):
     """Return logs that end at full speed, the reference's clock 0.3 s late, and their folder."""
     folder, random = tmp_path_factory.mktemp('late'), np.random.default_rng(12)
     for name in ('square', 'eight', 'there and back'):
-        drive = simulated_drive(
+        drive = simulated_run(
             name, TRUTH, WheelNoise(1e-8, 1e-8, 1e-7), np.array([0.02, 0.01, 0.05]), random, 1e-3,
             1e-3)
         late = replace(drive, reference_seconds=drive.reference_seconds + 0.3)
@@ -146,13 +148,13 @@ def test_what_the_drives_do_not_tell_stays_as_the_file_has_it():
     left, right = angles * 1.008, angles * 0.994
     noisy = integrate(robot.config.drive, left, right) + 1e-3 * random.normal(size=(401, 3))
     found = fit.calibrate(
-        [fit.Drive('line', seconds, left, right, seconds, noisy)], robot.config.drive)
-    assert found.not_observed
-    values = calibrate.parameters_of(robot, found)
+        [Run('line', seconds, left, right, seconds, noisy)], robot.config.drive)
+    assert found.unobservable
+    values = dict(robot.values) | node_parameters.from_runs(found, robot.config, robot.nominal)
     after = RobotParameters.of(values)
     assert after.config.drive.wheel_separation == pytest.approx(0.303)
     assert after.config.geometry_uncertainty.wheel_separation == 0.0007
-    judged = [calibrate.Judged('line', None, 0.0, 0.0, None, is_outlier=False)]
+    judged = [FinalErrors('line', None, 0.0, 0.0, None, is_outlier=False)]
     assert calibrate.as_json(found, judged, values)['wheel_separation_std'] == 0.0007
 
 
@@ -169,7 +171,7 @@ def test_headings_that_are_none_are_said_to_be_none(place):
         rows[number] = ','.join([*others, theta and f'{np.degrees(float(theta)):.9f}'])
     (place / 'degrees.csv').write_text('\n'.join(rows) + '\n')
     robot = parameter_file.read(place / 'nominal.yaml')
-    drives = [calibrate.drive_of(calibrate.read_log(
+    drives = [calibrate.run_of(calibrate.read_log(
         place / name, robot, logs.Wanted('joint_states'))) for name in (
             'degrees.csv', 'eight.csv', 'circle_back.csv')]
     said = [calibrate.summary_of(robot, fit.calibrate(kept, robot.config.drive))
@@ -178,9 +180,9 @@ def test_headings_that_are_none_are_said_to_be_none(place):
 
 
 def test_medians_are_of_the_drives_that_were_kept():
-    judged = [calibrate.Judged(f'run{number}', 0.02, error, error, error, is_outlier=False)
+    judged = [FinalErrors(f'run{number}', 0.02, error, error, error, is_outlier=False)
               for number, error in enumerate([1.0, 2.0, 3.0])]
-    judged.append(calibrate.Judged('run3', None, 9.0, 9.0, None, is_outlier=True))
+    judged.append(FinalErrors('run3', None, 9.0, 9.0, None, is_outlier=True))
     *_, left_out, medians = calibrate.judged_table(judged).splitlines()
     assert left_out.split() == ['run3', '9.0000', '9.0000', '-', '-']
     assert medians.split() == ['median', '2.0000', '2.0000', '2.0000']

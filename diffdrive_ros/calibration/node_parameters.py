@@ -1,0 +1,51 @@
+"""The node's parameters that a calibration gives."""
+from collections.abc import Sequence
+from dataclasses import astuple
+
+from diffdrive_ros.calibration.end_pose import EndPoseCalibration
+from diffdrive_ros.calibration.model import Calibration, GEOMETRY_PARAMETERS
+from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.odometry_config import OdometryConfig
+import numpy as np
+
+# Standard deviations of the geometry as measured with a ruler [m].
+RULER_STD_M = (0.002, 0.0001, 0.0001)
+
+
+def from_runs(
+    calibration: Calibration, before: OdometryConfig, nominal: DiffDrive,
+) -> dict[str, float]:
+    """
+    Return the parameters by a calibration; nominal is the geometry without multipliers.
+
+    What is unobservable keeps its uncertainty of before, or has that of a ruler.
+    """
+    noise = calibration.noise
+    stds = [
+        std or old or ruler for std, old, ruler in zip(
+            astuple(calibration.uncertainty), astuple(before.geometry_uncertainty), RULER_STD_M,
+            strict=True)]
+    return _rounded(_multipliers(nominal, calibration.drive) | {
+        'left_wheel_travel_variance': noise.left_travel,
+        'right_wheel_travel_variance': noise.right_travel,
+        'turn_variance': noise.turn or before.noise.turn,
+    } | _stds(stds))
+
+
+def from_end_poses(calibration: EndPoseCalibration, nominal: DiffDrive) -> dict[str, float]:
+    """Return the parameters by end poses; their uncertainty is at least that of a ruler."""
+    stds = np.maximum(np.sqrt(np.diag(calibration.covariance)), RULER_STD_M).tolist()
+    return _rounded(_multipliers(nominal, calibration.drive) | _stds(stds))
+
+
+def _multipliers(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
+    return {f'{name}_multiplier': getattr(drive, name) / getattr(nominal, name)
+            for name in GEOMETRY_PARAMETERS}
+
+
+def _stds(stds: Sequence[float]) -> dict[str, float]:
+    return {f'{name}_std': std for name, std in zip(GEOMETRY_PARAMETERS, stds, strict=True)}
+
+
+def _rounded(parameters: dict[str, float]) -> dict[str, float]:
+    return {name: float(f'{value:.9g}') for name, value in parameters.items()}
