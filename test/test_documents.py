@@ -72,6 +72,11 @@ def test_internal_links_resolve(page: str) -> None:
             assert anchor in anchors(path.relative_to(TOP).as_posix()), target
 
 
+def test_readme_is_an_overview() -> None:
+    """What one looks up stands in doc/."""
+    assert len((TOP / 'README.md').read_text().splitlines()) <= 150
+
+
 def test_every_page_is_linked_from_the_index() -> None:
     """And the index from README.md."""
     pages = {page for page in PAGES if page.startswith('doc/')} - {'doc/README.md'}
