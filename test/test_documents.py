@@ -250,6 +250,16 @@ def counted() -> set[str]:
     return found
 
 
+def test_labels_of_the_dashboard_exist() -> None:
+    """Those in italics."""
+    page = (TOP / 'doc' / 'dashboard.md').read_text()
+    labels = re.findall(r'(?<!\*)\*([A-Z][^*]+)\*(?!\*)', page)
+    assert len(labels) >= 4
+    folder = TOP / 'diffdrive_ros' / 'dashboard'
+    source = ''.join(path.read_text() for path in folder.rglob('*.*') if path.suffix != '.pyc')
+    assert [label for label in labels if label not in source] == []
+
+
 def test_systemd_unit_starts_the_node_itself(tmp_path: Path, station: Station) -> None:
     """What systemd starts becomes the node, which SIGINT ends; in a workspace made for it."""
     block, = blocks('ini')
