@@ -243,7 +243,7 @@ def test_diagnostics_keys_are_those_of_the_code() -> None:
 def counted() -> set[str]:
     """Return what feedback and commands count, by the literals that index their counters."""
     found = set()
-    for file in ('core/wheel_feedback.py', 'core/wheel_commander.py', 'node/odometry_node.py'):
+    for file in ('core/wheel_feedback.py', 'core/wheel_commander.py', 'node/command_loop.py'):
         text = (TOP / 'diffdrive_ros' / file).read_text()
         found |= set(re.findall(r"(?:_count\(|counts\[|_happened\.add\(\s*)'([^']+)'", text))
     assert found

@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from diffdrive_ros.core.quaternion import quaternion_of_heading
 from diffdrive_ros.dashboard.teleop import Twist as TeleopTwist
-from diffdrive_ros.node import clock, runner
+from diffdrive_ros.node import clock, rclpy_internals
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterEvent
@@ -255,7 +255,7 @@ class SpinThread:
     """
 
     def __init__(self, node: Node) -> None:
-        self._executor = runner.make_executor()
+        self._executor = rclpy_internals.make_executor()
         self._executor.add_node(node)
         self._is_closed = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='ros')

@@ -1,19 +1,19 @@
-"""A console that nobody reads (Ctrl-S, a pipe that is full) must not stop a node that logs."""
+"""Log output that never blocks a node, on a console that is stopped (Ctrl-S) or a full pipe."""
 from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 import threading
 
-LONGEST_REST = 0.5  # [s] that the last lines may take
+FLUSH_S = 0.5  # that the last lines may take
 
 
 @contextmanager
-def patient_console() -> Iterator[int]:
+def nonblocking_output() -> Iterator[int]:
     """
-    Let what ROS logs go through a thread, which waits for the console instead of the caller.
+    Pass the log through a thread, which blocks in place of the caller.
 
-    What is too much for it meanwhile is lost. Gives the file descriptor of the console itself, for
-    what cannot wait for a thread, nor for a reader.
+    Lines beyond the capacity of a pipe are lost. Yields a file descriptor of the console itself,
+    without blocking, for the trace of a crash.
     """
     ours = 1 if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 2
     console = os.dup(ours)
@@ -23,17 +23,17 @@ def patient_console() -> Iterator[int]:
     os.set_blocking(writer, False)
     os.dup2(writer, ours)
     os.close(writer)
-    thread = threading.Thread(target=_hand_on, args=(reader, console), daemon=True)
+    thread = threading.Thread(target=_forward, args=(reader, console), daemon=True)
     thread.start()
     try:
-        yield _impatient(console)
+        yield _nonblocking(console)
     finally:
-        os.dup2(console, ours)  # which ends the thread, for it was the last to write
-        thread.join(LONGEST_REST)
+        os.dup2(console, ours)  # closes the last writer, so that the thread ends
+        thread.join(FLUSH_S)
 
 
-def _impatient(console: int) -> int:
-    """Return a file descriptor of the console on which nothing waits, if there can be one."""
+def _nonblocking(console: int) -> int:
+    """Return a file descriptor of the console that does not block, where that is possible."""
     try:
         return os.open(
             f'/proc/self/fd/{console}', os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND | os.O_CLOEXEC)
@@ -41,7 +41,7 @@ def _impatient(console: int) -> int:
         return console
 
 
-def _hand_on(reader: int, console: int) -> None:
+def _forward(reader: int, console: int) -> None:
     while lines := os.read(reader, 65536):
         try:
             while lines:

@@ -1,8 +1,8 @@
 """
-Parameters: declared with their descriptions, validated one by one, and followed when they change.
+Declare parameters with their descriptions, validate them, and apply live changes.
 
-Every rule is checked on the whole set, at start and before any change at run time. What is set in
-one request of set_parameters_atomically is taken as a whole or not at all.
+Every rule is checked on the whole set, at start and before any change at run time. A request of
+set_parameters_atomically is accepted as a whole or not at all.
 """
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -23,15 +23,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 
-def given(node: Node) -> Values:
-    """Return what a parameter file and the command line set for a node, by name."""
-    # rclpy has no public way to tell a value that was given from a default.
-    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}
-
-
-def declare(node: Node, specs: Sequence[ParameterSpec]) -> Values:
+def declare(node: Node, specs: Sequence[ParameterSpec], overrides: Values) -> Values:
     """Declare the parameters on a node; return their values. Raises ParameterError."""
-    overrides = given(node)
     for name, value in overrides.items():
         if name.startswith('qos_overrides.') and name.endswith('.depth') and not (
                 isinstance(value, int) and value >= 1):
@@ -46,41 +39,42 @@ def declare(node: Node, specs: Sequence[ParameterSpec]) -> Values:
     return values
 
 
-def say_unknown_names(
-    node: Node, specs: Sequence[ParameterSpec], retired: Mapping[str, str] = MappingProxyType({}),
+def log_unknown_names(
+    node: Node, overrides: Values, specs: Sequence[ParameterSpec],
+    retired: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """
-    Log the names that were given to a node and are none of its parameters.
+    Log the overrides that are no parameters of a node.
 
-    retired are such that once were, and why not any more.
+    retired has the names of former parameters and what replaces each.
     """
     known = [spec.name for spec in specs]
     known += [f'qos_overrides.{name}' for name in node.get_parameters_by_prefix('qos_overrides')]
-    for name in sorted(given(node)):
+    for name in sorted(overrides):
         if name in retired:
-            node.get_logger().info(f'{name} is not used any more: {retired[name]}')
+            node.get_logger().info(f'{name}: not used any more, {retired[name]}')
         elif name not in known and not name.startswith(NOT_OURS):
             node.get_logger().warning(
-                f'{name} is no parameter of this node and is not used; the nearest is '
+                f'{name}: no parameter of this node, not used; the nearest is '
                 f'{nearest_name(name, known)}')
 
 
-def is_example_robot(node: Node, parameter_file: bool) -> bool:
+def is_example_robot(node: Node, overrides: Values, has_parameter_file: bool) -> bool:
     """
-    Return True if nothing was said of the robot, so that the example stands in for it.
+    Return whether no geometry is given, so that the node runs the example robot.
 
-    Raises ParameterError if the geometry was given by half, or a parameter file was and brought
-    none of it: most often a key in the file that is not the node's name.
+    Raises ParameterError for a part of the geometry, and for a parameter file without any: most
+    often its key is not the node's name.
     """
     geometry = {spec.name for spec in GEOMETRY}
-    said = sorted(given(node).keys() & geometry)
-    if not said and not parameter_file:
+    given = sorted(overrides.keys() & geometry)
+    if not given and not has_parameter_file:
         return True
-    missing = missing_geometry(given(node))
+    missing = missing_geometry(overrides)
     if missing:
-        why = (f'{", ".join(said)} came without it' if said else 'the parameter file has '
+        why = (f'{", ".join(given)} came without it' if given else 'the parameter file has '
                f'nothing of it under a key that is {node.get_fully_qualified_name()}')
-        if similar := nearest_name(missing.name, given(node).keys() - geometry, 0.6):
+        if similar := nearest_name(missing.name, overrides.keys() - geometry, 0.6):
             why += f'; {similar} is no parameter of this node'
         raise ParameterError(missing.name, '(not set)', f'{missing.rule.text}; {why}')
     return False
@@ -93,7 +87,7 @@ def follow_changes(
     node: Node, specs: Sequence[ParameterSpec], config_of: Callable[[Values], ConfigT],
     apply: Callable[[ConfigT], None],
 ) -> None:
-    """Let the live parameters be set at run time: validated before, applied after."""
+    """Validate changes of the live parameters before, and apply them after."""
     by_name = {spec.name: spec for spec in specs}
 
     def values(changes: Sequence[Parameter]) -> Values:

@@ -1,8 +1,8 @@
 """
-One way to run a node as a process: its arguments, executor, signals and last words.
+Run a node as a process: arguments, executor, signals and the stop at its end.
 
 SIGINT, SIGTERM, SIGHUP and SIGQUIT end the node while its context is still valid, so that it can
-say a last word (stop the wheels) and be sure that it was heard.
+stop the wheels and wait for the acknowledgement.
 """
 from collections.abc import Callable, Sequence
 import faulthandler
@@ -12,16 +12,14 @@ import sys
 import threading
 from typing import TypeVar
 
-from diffdrive_ros.node.nonblocking_output import patient_console
+from diffdrive_ros.node.nonblocking_output import nonblocking_output
+from diffdrive_ros.node.rclpy_internals import make_executor
 import rclpy
-from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
-
-EXECUTOR_VARIABLE = 'DIFFDRIVE_EXECUTOR'
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
@@ -29,33 +27,33 @@ NodeT = TypeVar('NodeT', bound=Node)
 
 
 class StartError(Exception):
-    """A node cannot start, for a reason that is said in one line."""
+    """A node cannot start; the message has the reason in one line."""
 
 
-# Besides, what rclpy raises for files, names and overrides that it cannot take.
+# The others are what rclpy raises for files, names and overrides that it rejects.
 START_ERRORS = (StartError, RuntimeError, ParameterException, NameValidationException)
 
 
 def run(
     name: str, description: str, make_node: Callable[[], NodeT],
-    last_words: Callable[[NodeT], None], arguments: Sequence[str] | None = None,
-    keep_time: Callable[[NodeT], None] | None = None,
+    stop: Callable[[NodeT], None] = lambda node: None,
+    between_callbacks: Callable[[NodeT], None] = lambda node: None,
 ) -> int:
     """
     Run a node until a signal ends it; return the exit code of the process.
 
-    last_words is called with the node before anything of it is destroyed, whatever ended it.
-    keep_time is called with it between two callbacks: an executor that is flooded by messages or
-    requests of any kind may keep its timers waiting for long.
+    stop is called with the node before anything of it is destroyed, whatever ended it.
+    between_callbacks is called with it after each callback: a flood of messages or requests may
+    delay the timers of the executor for long.
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
-    stop = _catch_signals()
-    with patient_console() as console:
+    arguments = sys.argv[1:]
+    signals = _catch_signals()
+    with nonblocking_output() as console:
         try:
             refuse_other_arguments(name, description, arguments)
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
             executor = make_executor()
-            faulthandler.enable(console)  # a crash takes the thread with it that hands lines on
+            faulthandler.enable(console)  # a crash ends the thread that forwards lines
             node = make_node()
         except START_ERRORS as error:
             what = '' if isinstance(error, StartError) else (
@@ -64,18 +62,18 @@ def run(
             rclpy.try_shutdown()
             return 1
         try:
-            _spin(executor, node, last_words, keep_time, stop)
+            _spin(executor, node, stop, between_callbacks, signals)
         finally:
             rclpy.try_shutdown()
     return 0
 
 
 def refuse_other_arguments(name: str, description: str, arguments: Sequence[str]) -> None:
-    """Exit with a line on standard error if there are arguments that ROS would pass over."""
+    """Exit with a line on standard error if there are arguments that ROS would ignore."""
     others = remove_ros_args([name, *arguments])[1:]
     if not others:
         return
-    import argparse  # here, for most starts do without its memory
+    import argparse  # here, since most starts do not need its memory
 
     parser = argparse.ArgumentParser(
         prog=name, description=description, allow_abbrev=False,
@@ -88,61 +86,37 @@ def has_parameter_file(arguments: Sequence[str] | None = None) -> bool:
     return '--params-file' in (sys.argv if arguments is None else arguments)
 
 
-def make_executor(context: Context | None = None) -> Executor:
-    """
-    Return the executor that DIFFDRIVE_EXECUTOR names, else the cheapest that this rclpy has.
-
-    Raises StartError for a name that is none, and for an executor that this rclpy does not have.
-    """
-    name = os.environ.get(EXECUTOR_VARIABLE, '')
-    if name not in ('', 'events', 'single_threaded'):
-        raise StartError(
-            f'cannot start: {EXECUTOR_VARIABLE} = {name!r}: must be events or single_threaded')
-    if name != 'single_threaded':
-        try:
-            from rclpy.experimental import EventsExecutor
-        except ImportError:
-            if name:
-                raise StartError(
-                    f'cannot start: {EXECUTOR_VARIABLE} = {name!r}: this rclpy has none'
-                ) from None
-        else:
-            return EventsExecutor(context=context)
-    return SingleThreadedExecutor(context=context)
-
-
 def _spin(
-    executor: Executor, node: NodeT, last_words: Callable[[NodeT], None],
-    keep_time: Callable[[NodeT], None] | None, signals: int,
+    executor: Executor, node: NodeT, stop: Callable[[NodeT], None],
+    between_callbacks: Callable[[NodeT], None], signals: int,
 ) -> None:
     executor.add_node(node)
-    stop: list[bytes] = []  # cheaper to look at than an event
+    received: list[bytes] = []  # cheaper to check than an event
 
     def wait_for_a_signal() -> None:
-        stop.append(os.read(signals, 1))
+        received.append(os.read(signals, 1))
         executor.wake()
 
     threading.Thread(target=wait_for_a_signal, daemon=True).start()
     try:
-        while not stop:
+        while not received:
             # Not spin(): that of EventsExecutor hangs in rclpy before 7.1.8. Nor, though it is 5 %
-            # cheaper, spin_until_future_complete(): after a flood, events whose messages are gone
-            # keep it from coming back, and timers from their turn.
+            # cheaper, spin_until_future_complete(): after a flood it does not return while it
+            # works off events whose messages are gone, and timers wait.
             executor.spin_once(0.5)
-            if keep_time:
-                keep_time(node)
+            between_callbacks(node)
     finally:
-        last_words(node)
+        stop(node)
         executor.remove_node(node)
         node.destroy_node()
 
 
 def _catch_signals() -> int:
     """
-    Return a file descriptor that can be read as soon as one of the signals has come.
+    Return a file descriptor that is readable once one of the signals was received.
 
-    A handler in Python runs only when the main thread is back from C++, which may be half a
-    second later; the byte is written by the interpreter's own handler, at once.
+    A handler in Python runs only when the main thread returns from C++, up to half a second later.
+    The interpreter's own handler writes the byte at once.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)

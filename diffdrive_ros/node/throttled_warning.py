@@ -1,28 +1,28 @@
-"""Complaints as they change: said at most once a second, the last too unless it is over before."""
+"""A warning whose text changes: logged on change, at most once a second."""
 from collections.abc import Callable
 import math
 import time
 
-PAUSE = 1.0  # [s]
+PAUSE_S = 1.0
 
 
-class Complaints:
-    """Passes on, as one line each, what a complaint that is looked at again and again becomes."""
+class ThrottledWarning:
+    """Logs the changing text of one warning; a text that is still current is never lost."""
 
     def __init__(self, warn: Callable[[str], object], form: str) -> None:
-        self.said = ''
-        """The complaint that was said last; '' since it was over."""
+        self.logged = ''
+        """The text logged last; '' once its cause is gone."""
         self._warn, self._form = warn, form
-        self._said_at = -math.inf
+        self._logged_at = -math.inf
 
-    def look(self, complaint: str) -> None:
-        """Say a complaint that is new; one that comes too soon is said at a later look."""
-        if complaint == self.said:
+    def update(self, text: str) -> None:
+        """Log a new text, or wait for a later update within the pause; '' for no warning."""
+        if text == self.logged:
             return
-        if complaint:
+        if text:
             now = time.monotonic()
-            if now - self._said_at < PAUSE:
+            if now - self._logged_at < PAUSE_S:
                 return
-            self._said_at = now
-            self._warn(self._form.format(complaint))
-        self.said = complaint
+            self._logged_at = now
+            self._warn(self._form.format(text))
+        self.logged = text

@@ -1,4 +1,4 @@
-"""The forms in which wheel speeds travel: one place for those who send and those who receive."""
+"""The types of wheel commands: senders, and the subscriptions that receive them."""
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
@@ -10,16 +10,16 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-# Depth 1: an old wheel command must never reach the motors once a newer one is known.
+# Depth 1: an old command must never reach the motors after a newer one.
 NEWEST_ONLY = QoSProfile(depth=1)
 
 
 class Sender(Protocol):
-    """Publishes wheel speeds in one form."""
+    """Publishes wheel speeds in one message type."""
 
     @property
     def publishers(self) -> Sequence[Publisher]:
-        """Return what it publishes with."""
+        """Return its publishers."""
 
     def send(self, left: float, right: float, stamp: Time) -> None:
         """Publish the speed of the left and of the right wheels [rad/s]."""
@@ -71,7 +71,7 @@ class PerWheelSender:
 
 
 class NoSender:
-    """Nothing: for those who want the odometry alone."""
+    """Nothing: for odometry alone."""
 
     def __init__(self, node: Node, left: Sequence[str], right: Sequence[str]) -> None:
         self.publishers: list[Publisher] = []
@@ -89,12 +89,14 @@ SENDERS: Mapping[str, Callable[[Node, Sequence[str], Sequence[str]], Sender]] = 
 
 
 def receive(
-    node: Node, form: str, names: Sequence[str], on_speeds: Callable[[Mapping[str, float]], None],
-) -> None:
+    node: Node, wheel_command_type: str, names: Sequence[str],
+    on_speeds: Callable[[Mapping[str, float]], None],
+) -> list[str]:
     """
-    Subscribe to wheel speeds in one of the forms; names are the left joints, then the right.
+    Subscribe to wheel commands of a type; return the topics.
 
-    on_speeds gets the speeds [rad/s] by joint name, as they came: of some wheels or of all.
+    names are the left joints, then the right. on_speeds receives speeds [rad/s] by joint name, of
+    some wheels or of all.
     """
     def on_joint_state(message: Any) -> None:
         on_speeds(dict(zip(message.name, message.velocity, strict=False)))
@@ -105,17 +107,17 @@ def receive(
     def on_wheel(name: str, message: Any) -> None:
         on_speeds({name: message.data})
 
-    if form == 'joint_state':
-        node.create_subscription(JointState, 'wheel_commands', on_joint_state, NEWEST_ONLY)
-    elif form == 'multi_array':
-        node.create_subscription(Float64MultiArray, 'wheel_commands', on_multi_array, NEWEST_ONLY)
-    elif form == 'per_wheel':
-        for name in names:
-            node.create_subscription(
-                Float64, f'{name}/command', partial(on_wheel, name), NEWEST_ONLY)
+    wanted: dict[str, list[tuple[type, str, Callable[[Any], None]]]] = {
+        'joint_state': [(JointState, 'wheel_commands', on_joint_state)],
+        'multi_array': [(Float64MultiArray, 'wheel_commands', on_multi_array)],
+        'per_wheel': [(Float64, f'{name}/command', partial(on_wheel, name)) for name in names],
+        'none': [],
+    }
+    return [node.create_subscription(kind, topic, callback, NEWEST_ONLY).topic_name
+            for kind, topic, callback in wanted[wheel_command_type]]
 
 
 def of_each(joints: Sequence[str], left: float, right: float) -> list[float]:
-    """Return a value for each joint: that of its side, left joints first."""
+    """Return a value per joint, that of its side, left joints first."""
     wheels_a_side = len(joints) // 2
     return [left] * wheels_a_side + [right] * wheels_a_side

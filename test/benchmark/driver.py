@@ -7,7 +7,7 @@ import subprocess
 import threading
 import time
 
-from diffdrive_ros.node.runner import make_executor
+from diffdrive_ros.node.rclpy_internals import make_executor
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.qos import QoSProfile

@@ -8,7 +8,7 @@ import signal
 import sys
 
 from diffdrive_ros.node.odometry_node import OdometryNode
-from diffdrive_ros.node.runner import make_executor
+from diffdrive_ros.node.rclpy_internals import make_executor
 import rclpy
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions

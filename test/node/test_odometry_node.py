@@ -5,6 +5,7 @@ import math
 
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate
+from diffdrive_ros.node import rclpy_internals
 from diffdrive_ros.node.odometry_node import OdometryNode
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -30,6 +31,13 @@ START_NS = 1_700_000_000 * 10**9 + 987_654_321  # a float of it is off by a tent
 STEP_NS = 20_000_001
 
 Make = Callable[..., OdometryNode]
+
+
+@pytest.fixture(autouse=True, params=['internals', 'public API'])
+def rclpy_api(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run each test with rclpy's internals, and with their fallbacks."""
+    if request.param == 'public API':
+        monkeypatch.setattr(rclpy_internals, 'private', lambda *path: None)
 
 
 def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]:

@@ -1,7 +1,7 @@
 """What is taken out of its turn, where more comes than can be answered."""
 from contextlib import nullcontext
 
-from diffdrive_ros.node.rclpy_internals import MOST_REQUESTS, take_requests
+from diffdrive_ros.node.rclpy_internals import MAX_REQUESTS, take_requests
 from std_srvs.srv import SetBool
 
 
@@ -42,6 +42,6 @@ def test_requests_without_end_do_not_keep_the_rest_waiting() -> None:
     """They are answered, in their order, in several turns."""
     service = Service()
     take_requests(service)
-    assert service.answered == list(range(1, MOST_REQUESTS + 1))
+    assert service.answered == list(range(1, MAX_REQUESTS + 1))
     take_requests(service)
-    assert len(service.answered) == 2 * MOST_REQUESTS
+    assert len(service.answered) == 2 * MAX_REQUESTS

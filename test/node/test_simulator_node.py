@@ -145,5 +145,5 @@ def test_a_name_that_is_no_parameter_is_named_with_the_nearest(
     wait_until(lambda: station.node.count_publishers('joint_states'))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
-    assert 'slipp is no parameter of this node and is not used; the nearest is slip' in (
+    assert 'slipp: no parameter of this node, not used; the nearest is slip' in (
         process.output)

@@ -1,6 +1,6 @@
 """A complaint is said when it changes, not too often, and the last one always."""
 from diffdrive_ros.node import throttled_warning
-from diffdrive_ros.node.throttled_warning import Complaints
+from diffdrive_ros.node.throttled_warning import ThrottledWarning
 import pytest
 
 
@@ -19,33 +19,33 @@ def said():
 
 
 @pytest.fixture
-def look(clock, said):
+def update(clock, said):
     """Return what looks at a complaint."""
-    return Complaints(said.append, 'joint_states: {}').look
+    return ThrottledWarning(said.append, 'joint_states: {}').update
 
 
-def test_a_complaint_that_stays_is_said_once(look, said, clock):
+def test_a_complaint_that_stays_is_said_once(update, said, clock):
     for _ in range(5):
-        look('{no} wheels')
+        update('{no} wheels')
         clock[0] += 0.7
     assert said == ['joint_states: {no} wheels']
 
 
 def test_nothing_is_said_of_a_complaint_that_is_over_and_it_is_said_again_when_it_returns(
-        look, said, clock):
-    look('a')
-    look('')
+        update, said, clock):
+    update('a')
+    update('')
     clock[0] += 1.1
-    look('a')
+    update('a')
     assert said == ['joint_states: a'] * 2
 
 
 def test_complaints_that_take_turns_are_said_once_a_second_and_the_last_of_them_in_the_end(
-        look, said, clock):
+        update, said, clock):
     for number in range(100):
-        look(f'number {number}')
+        update(f'number {number}')
         clock[0] += 0.01
     assert said == ['joint_states: number 0']
     clock[0] += 0.1
-    look('number 99')
+    update('number 99')
     assert said == ['joint_states: number 0', 'joint_states: number 99']
