@@ -245,7 +245,7 @@ def counted() -> set[str]:
     found = set()
     for file in ('core/wheel_feedback.py', 'core/wheel_commander.py', 'node/command_loop.py'):
         text = (TOP / 'diffdrive_ros' / file).read_text()
-        found |= set(re.findall(r"(?:_count\(|counts\[|_happened\.add\(\s*)'([^']+)'", text))
+        found |= set(re.findall(r"(?:_count\(|counts\[|_events\.add\(\s*)'([^']+)'", text))
     assert found
     return found
 

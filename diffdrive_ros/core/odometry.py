@@ -382,8 +382,8 @@ class Odometry:
             stamp_ns, left, right, of_left + var_left, of_right + var_right, of_turn + var_turn))
         return True
 
-    def restart(self, stamp_ns: int) -> None:
-        """Take the last sample to be of a stamp [ns] in a time that started again."""
+    def reset_time(self, stamp_ns: int) -> None:
+        """Move the last sample to a stamp [ns] of a time that was reset; the pose stays."""
         if self._samples:
             _, left, right, of_left, of_right, of_turn = self._samples[-1]
             self._samples.clear()

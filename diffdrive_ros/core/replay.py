@@ -56,8 +56,8 @@ def replay(
     stamps: list[int] = []
     poses, detail_indices, details = [], [], []
     for sample in samples:
-        if sample.restarted_ns is not None:
-            odometry.restart(sample.restarted_ns)
+        if sample.time_reset_ns is not None:
+            odometry.reset_time(sample.time_reset_ns)
         # As in the node, out-of-order and duplicate samples are dropped.
         if not odometry.update(sample.left, sample.right, sample.stamp_ns):
             continue

@@ -110,14 +110,14 @@ class OdomPublisher:
         odom_ns is the timestamp of odom if it differs from that of the sample.
         """
         sample = self.feedback.take(names, positions, velocities, stamp_ns)
-        complaint = self.feedback.complaint
-        if complaint != self._warning.logged:
-            self._warning.update(complaint)
+        warning = self.feedback.warning
+        if warning != self._warning.logged:
+            self._warning.update(warning)
         if sample is None:
             return False
-        left, right, sample_ns, restarted_ns = sample
-        if restarted_ns is not None:
-            self.odometry.restart(restarted_ns)
+        left, right, sample_ns, time_reset_ns = sample
+        if time_reset_ns is not None:
+            self.odometry.reset_time(time_reset_ns)
             self._due_ns = None
         try:
             is_new = self.odometry.update(left, right, sample_ns)
@@ -142,9 +142,9 @@ class OdomPublisher:
         self._reject(f'the clock is at {clock_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
         return False
 
-    def _reject(self, complaint: str) -> None:
-        self.feedback.refuse(complaint)
-        self._warning.update(complaint)
+    def _reject(self, warning: str) -> None:
+        self.feedback.reject(warning)
+        self._warning.update(warning)
 
     def _is_due(self, stamp_ns: int, period_ns: int) -> bool:
         """Return whether odom is to be published for a timestamp."""

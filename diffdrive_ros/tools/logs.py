@@ -70,9 +70,9 @@ class Log:
         Raises LogError if time starts again in the log: then a stamp does not say when.
         """
         for sample in self.samples:
-            if sample.restarted_ns is not None:
+            if sample.time_reset_ns is not None:
                 raise LogError(
-                    f'{self.path}: time starts again at {sample.restarted_ns * 1e-9:.3f} s: cut '
+                    f'{self.path}: time starts again at {sample.time_reset_ns * 1e-9:.3f} s: cut '
                     'the log there')
         stamps = np.array([sample.stamp_ns for sample in self.samples])
         angles = np.array([(sample.left, sample.right) for sample in self.samples])
@@ -98,7 +98,7 @@ def read(path: Path, feedback: WheelFeedback, wanted: Wanted | None = None) -> L
     else:
         raise LogError(f'{path}: must be a rosbag2 folder, .mcap, .db3 or .csv')
     if len(samples) < 2:
-        complaint = f': {feedback.complaint}' if feedback.complaint else ''
+        complaint = f': {feedback.warning}' if feedback.warning else ''
         raise LogError(
             f'{path}: {len(samples)} samples of all wheels, must be 2 or more{complaint}')
     return Log(path, samples, _trajectory(path, poses) if poses is not None else None)
@@ -235,7 +235,7 @@ def _read_bag(
         raise LogError(
             f'{path}: no sample of {", ".join(missing)} on '
             f'{wanted.wheels}'
-            + (f': {feedback.complaint}' if feedback.complaint else '')
+            + (f': {feedback.warning}' if feedback.warning else '')
             + f'; its joints are {", ".join(sorted(heard)) or "none"}')
     if poses is not None:
         poses = _of_one_child(path, wanted, poses)

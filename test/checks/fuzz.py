@@ -115,8 +115,8 @@ class FeedbackEpisode(Episode):
             return None
         self.samples += 1
         demand(math.isfinite(sample.left) and math.isfinite(sample.right), 'angles', sample)
-        if sample.restarted_ns is not None:
-            self.odometry.restart(sample.restarted_ns)
+        if sample.time_reset_ns is not None:
+            self.odometry.reset_time(sample.time_reset_ns)
         self.is_new = self.odometry.update(sample.left, sample.right, sample.stamp_ns)
         return sample
 
@@ -193,7 +193,7 @@ class FeedbackEpisode(Episode):
             self.move(draw.randrange(1_000_000, 200_000_000))
             sample = self.apart() if draw.random() < 0.1 else self.whole()
             demand(sample is not None and sample.stamp_ns == self.now and self.is_new
-                   and sample.restarted_ns is None, 'not answered', sample, self.now)
+                   and sample.time_reset_ns is None, 'not answered', sample, self.now)
             truth.append(self.truth())
             close = 1e-9 + 1e-14 * self.furthest()
             for side, angle in enumerate((sample.left, sample.right)):

@@ -1,4 +1,4 @@
-"""Whatever happens to the messages of a drive, the angles are those of the undamaged one."""
+"""Faults of joint messages: the angles stay those of the drive without faults."""
 import math
 
 from diffdrive_ros.core.wheel_feedback import WheelFeedback
@@ -14,23 +14,23 @@ SECOND = 1_000_000_000
 
 steps = st.tuples(*[st.floats(-0.5 * FASTEST * DT * 1e-9, 0.5 * FASTEST * DT * 1e-9)] * 2)
 sides = st.sampled_from([0, 1])
-# Further than any wheel turns in ten periods, and not nearly a whole range of the counter.
+# Further than any wheel turns in ten periods, and well below the range of the encoder.
 jumps = st.floats(12.0, 0.45 * WRAP).flatmap(lambda size: st.sampled_from([size, -size]))
 
 
 class DamagedDrive(RuleBasedStateMachine):
-    """Two wheels on a drive, the right of which counts backward, through fault after fault."""
+    """A drive of two wheels, the right one counting backward, through a sequence of faults."""
 
     @initialize(start=st.tuples(st.floats(0.0, WRAP), st.floats(0.0, WRAP)))
     def begin(self, start: tuple[float, float]) -> None:
-        """Start with encoders that say anything: the first sample is the baseline."""
+        """Start with encoders at any value: the first sample is the baseline."""
         self.feedback = WheelFeedback(
             left_names=['left'], right_names=['right'], right_direction=-1, encoder_wrap=WRAP,
             max_plausible_speed=FASTEST)
         self.now = 1_700_000_000 * SECOND
-        self.counter = list(start)  # of the encoders, before it wraps
-        self.turned = [0.0, 0.0]  # what the samples should have told
-        self.unheard = [0.0, 0.0]  # what the next sample should add to it
+        self.counter = list(start)  # of the encoders, before the wraparound
+        self.turned = [0.0, 0.0]  # expected wheel angles of the last sample
+        self.step = [0.0, 0.0]  # expected step of the next sample
         self.last = self.now
         first = self.send()
         self.first = first.left, first.right
@@ -40,16 +40,16 @@ class DamagedDrive(RuleBasedStateMachine):
         self.now += DT
         for side, direction in ((0, 1), (1, -1)):
             self.counter[side] += direction * step[side]
-            self.unheard[side] += step[side]
+            self.step[side] += step[side]
 
     def lose(self, jump: tuple[float, float]) -> None:
-        """Let the counters jump: what was not heard until now never will be."""
+        """Let the encoders jump: the step until now is lost."""
         self.counter = [angle + by for angle, by in zip(self.counter, jump, strict=True)]
-        self.unheard = [0.0, 0.0]
+        self.step = [0.0, 0.0]
 
     def send(self, spoil: dict[int, float] | None = None, stamp: int | None = None,
              names: list[str] = NAMES) -> object:
-        """Send what the encoders say, or something else for some sides."""
+        """Send the encoder positions, or other values for some sides."""
         values = [math.fmod(math.fmod(angle, WRAP) + WRAP, WRAP) for angle in self.counter]
         for side, value in (spoil or {}).items():
             values[side] = value
@@ -58,43 +58,43 @@ class DamagedDrive(RuleBasedStateMachine):
             tuple(names), [by_name.get(name, 7.0) for name in names], [],
             self.now if stamp is None else stamp)
 
-    def check(self, sample: object, restarted: int | None = None) -> None:
-        """Check that the angles are those of the undamaged drive, and the stamp the message's."""
+    def check(self, sample: object, time_reset: int | None = None) -> None:
+        """Check the angles against the drive without faults, and the stamp."""
         assert sample is not None
-        self.turned = [angle + by for angle, by in zip(self.turned, self.unheard, strict=True)]
-        self.unheard = [0.0, 0.0]
+        self.turned = [angle + by for angle, by in zip(self.turned, self.step, strict=True)]
+        self.step = [0.0, 0.0]
         self.last = self.now
-        assert (sample.stamp_ns, sample.restarted_ns) == (self.now, restarted)
+        assert (sample.stamp_ns, sample.time_reset_ns) == (self.now, time_reset)
         assert sample.left - self.first[0] == pytest.approx(self.turned[0], abs=1e-9)
         assert sample.right - self.first[1] == pytest.approx(self.turned[1], abs=1e-9)
 
     @rule(step=steps)
-    def an_ordinary_sample(self, step: tuple[float, float]) -> None:
-        """With wraps of the counters in both directions in between."""
+    def valid_sample(self, step: tuple[float, float]) -> None:
+        """Wraparounds in both directions are included."""
         self.move(step)
         self.check(self.send())
 
     @precondition(lambda self: self.now - self.last < 6 * DT)
     @rule(step=steps, side=sides, value=st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
-    def a_value_that_is_none(self, step: tuple[float, float], side: int, value: float) -> None:
-        """Not taken; the next carries the motion."""
+    def not_finite_value(self, step: tuple[float, float], side: int, value: float) -> None:
+        """The message is dropped; the next one contains the motion."""
         self.move(step)
         assert self.send({side: value}) is None
 
     @rule(step=steps, after=steps, side=sides, jump=jumps)
-    def a_glitch(self, step: tuple[float, float], after: tuple[float, float], side: int,
-                 jump: float) -> None:
-        """Comes alone: nothing is lost."""
+    def glitch(self, step: tuple[float, float], after: tuple[float, float], side: int,
+               jump: float) -> None:
+        """One implausible position: no motion is lost."""
         self.move(step)
         assert self.send({side: self.counter[side] + jump}) is None
-        assert 'max_plausible_wheel_speed' in self.feedback.complaint
+        assert 'max_plausible_wheel_speed' in self.feedback.warning
         self.move(after)
         self.check(self.send())
 
     @rule(step=steps, after=steps, jump=st.tuples(jumps, jumps))
-    def a_reset_of_the_counters(self, step: tuple[float, float], after: tuple[float, float],
-                                jump: tuple[float, float]) -> None:
-        """Stays: what was not heard until then is lost, and nothing else."""
+    def encoder_reset(self, step: tuple[float, float], after: tuple[float, float],
+                      jump: tuple[float, float]) -> None:
+        """The new values stay: only the step of the reset is lost."""
         self.move(step)
         self.lose(jump)
         assert self.send() is None
@@ -102,45 +102,45 @@ class DamagedDrive(RuleBasedStateMachine):
         self.check(self.send())
 
     @rule(age=st.integers(0, SECOND - 1), spoiled=st.floats(-9.0, 9.0))
-    def a_stamp_that_is_not_newer(self, age: int, spoiled: float) -> None:
-        """Duplicates and messages out of order are passed over."""
+    def out_of_order_stamp(self, age: int, spoiled: float) -> None:
+        """Duplicates and out-of-order messages are dropped."""
         assert self.send({0: spoiled}, stamp=self.last - age) is None
 
     @rule(step=steps, age=st.integers(2 * SECOND, 10**12), spoiled=st.floats(-9.0, 9.0))
-    def a_straggler(self, step: tuple[float, float], age: int, spoiled: float) -> None:
-        """One message from long ago is no restart of time."""
+    def late_message(self, step: tuple[float, float], age: int, spoiled: float) -> None:
+        """A single late message is no time reset."""
         assert self.send({0: spoiled}, stamp=self.last - age) is None
         self.move(step)
         self.check(self.send())
 
     @rule(back=st.integers(2 * SECOND, 10**12), after=steps, jump=st.tuples(jumps, jumps))
-    def time_starts_again(self, back: int, after: tuple[float, float],
-                          jump: tuple[float, float]) -> None:
-        """Go on in a bag that loops, or a simulation that is reset, encoders and all."""
+    def time_reset(self, back: int, after: tuple[float, float],
+                   jump: tuple[float, float]) -> None:
+        """A bag loops, or a simulation restarts; the encoders jump too."""
         self.now -= back
         self.lose(jump)
         assert self.send() is None
-        restarted = self.now
+        time_reset = self.now
         self.move(after)
-        self.check(self.send(), restarted)
+        self.check(self.send(), time_reset)
 
     @rule(step=steps, first=sides)
-    def the_wheels_come_apart(self, step: tuple[float, float], first: int) -> None:
-        """One message a wheel: the sample is complete with the second."""
+    def separate_messages(self, step: tuple[float, float], first: int) -> None:
+        """One message a wheel: the second completes the sample."""
         self.move(step)
         assert self.send(names=[NAMES[first]], stamp=self.now - 1) is None
-        assert self.feedback.waits_for == [NAMES[1 - first]]
+        assert self.feedback.missing_wheels == [NAMES[1 - first]]
         self.check(self.send(names=['arm', NAMES[1 - first]]))
 
     @rule(step=steps)
-    def other_joints_come_between(self, step: tuple[float, float]) -> None:
-        """Send what has to be passed over, empty messages too."""
+    def messages_without_wheels(self, step: tuple[float, float]) -> None:
+        """Messages of other joints and empty messages are ignored."""
         assert self.send(names=['arm', 'hand']) is None
         assert self.send(names=[]) is None
 
     @rule(step=steps, seconds=st.integers(1, 100))
-    def the_driver_pauses(self, step: tuple[float, float], seconds: int) -> None:
-        """Until the next sample, which carries the motion."""
+    def gap(self, step: tuple[float, float], seconds: int) -> None:
+        """The next sample contains the motion of the gap."""
         self.now += seconds * SECOND
         self.move(step)
         self.check(self.send())
@@ -151,32 +151,32 @@ TestDamagedDrive.settings = settings(
     max_examples=2000, stateful_step_count=12, deadline=None, derandomize=True)
 
 
-def test_what_happened_is_counted() -> None:
-    """By the words in which diagnostics say it."""
+def test_events_are_counted_by_name() -> None:
+    """The names are keys of /diagnostics."""
     feedback = WheelFeedback(
         left_names=['l'], right_names=['r'], encoder_wrap=10.0, max_plausible_speed=50.0)
 
-    def say(stamp_ms: int, left: float, right: float) -> None:
+    def send(stamp_ms: int, left: float, right: float) -> None:
         feedback.update(['l', 'r'], [left, right], [], stamp_ms * 1_000_000)
 
-    say(1000, 9.9, 0.0)
-    say(1020, 0.1, 0.0)  # a wrap
-    say(1020, 0.2, 0.0)  # not newer
-    say(1040, 4.0, 0.0)  # a glitch of the left wheel
-    say(1060, 0.2, 0.0)
-    say(1080, math.nan, 0.0)
-    say(1100, 3.5, 0.0)  # a reset of the left wheel
-    say(1120, 3.6, 0.0)
+    send(1000, 9.9, 0.0)
+    send(1020, 0.1, 0.0)  # a wraparound
+    send(1020, 0.2, 0.0)  # out of order
+    send(1040, 4.0, 0.0)  # a glitch of the left wheel
+    send(1060, 0.2, 0.0)
+    send(1080, math.nan, 0.0)
+    send(1100, 3.5, 0.0)  # a reset of the left wheel
+    send(1120, 3.6, 0.0)
     feedback.update(['arm'], [1.0], [], 1_130_000_000)
     feedback.update(['l', 'r'], [1.0], [], 1_140_000_000)
     assert feedback.counts == {
-        'wraps': 1, 'not newer': 1, 'glitches': 1, 'not finite': 1, 'counter resets': 1,
-        'without our wheels': 1, 'without a value': 1}
+        'wraparounds': 1, 'out_of_order': 1, 'glitches': 1, 'not_finite': 1, 'encoder_resets': 1,
+        'without_wheels': 1, 'missing_values': 1}
     assert feedback.samples == 4
 
 
-def test_a_velocity_says_nothing_about_a_long_silence() -> None:
-    """A driver that paused for longer than a second left the wheels' motion unknown."""
+def test_velocity_gap_above_a_second_is_not_integrated() -> None:
+    """The motion in a longer gap is unknown."""
     feedback = WheelFeedback(left_names=['l'], right_names=['r'], position_feedback=False)
     feedback.update(['l', 'r'], [], [3.0, 4.0], 0)
     after = feedback.update(['l', 'r'], [], [3.0, 4.0], 1_000_000_001)
@@ -185,8 +185,8 @@ def test_a_velocity_says_nothing_about_a_long_silence() -> None:
     assert (after.left, after.right) == (1.5, 2.0)
 
 
-def test_a_velocity_that_no_wheel_reaches_is_dropped() -> None:
-    """max_plausible_wheel_speed holds for velocities too."""
+def test_implausible_velocities_are_dropped() -> None:
+    """max_plausible_wheel_speed is a limit of velocities too."""
     feedback = WheelFeedback(
         left_names=['l'], right_names=['r'], position_feedback=False, max_plausible_speed=20.0)
     feedback.update(['l', 'r'], [], [3.0, 4.0], 0)

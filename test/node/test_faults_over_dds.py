@@ -200,7 +200,7 @@ def test_a_driver_without_positions_and_encoders_that_fall_silent_are_said_once(
             robot.say(NAMES, [], [7.0, 8.0], 1)
 
     # As often as it takes: discovery loses the first ones.
-    wait_until(lambda: say_no_positions() or robot.counters().get('without a value', 0) >= 20)
+    wait_until(lambda: say_no_positions() or robot.counters().get('missing_values', 0) >= 20)
     assert robot.odometry == []
     robot.begin()
     position = robot.odometry[0][1].pose.pose.position

@@ -112,7 +112,7 @@ def test_a_jump_is_held_until_the_next_sample_tells_what_it_was(
     sample = feedback.update(['l', 'r'], [after, 0.0], [], 40 * MS)
     assert sample is not None
     assert sample.left == pytest.approx(angle)
-    assert feedback.counts['glitches' if after < 2.0 else 'counter resets'] == 1
+    assert feedback.counts['glitches' if after < 2.0 else 'encoder_resets'] == 1
 
 
 # Row 12: clocks that differ

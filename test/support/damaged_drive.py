@@ -88,21 +88,21 @@ class DamagedDrive:
         self._move()
         self._send(names=['arm', 'hand'])
         self._send(names=[])
-        self.counts['without our wheels'] += 2
+        self.counts['without_wheels'] += 2
         self.an_ordinary_sample()
 
     def a_message_without_a_value(self) -> None:
         """Fewer positions than names: nothing of it is taken, the next carries the motion."""
         self._move()
         self._say(NAMES, [self.raw()[0]], [], self.now)
-        self.counts['without a value'] += 1
+        self.counts['missing_values'] += 1
         self.an_ordinary_sample()
 
     def velocities_instead_of_positions(self) -> None:
         """Be a driver that is not heard; the next carries the motion."""
         self._move()
         self._say(NAMES, [], [7.0, 8.0], self.now)
-        self.counts['without a value'] += 1
+        self.counts['missing_values'] += 1
         self.an_ordinary_sample()
 
     def a_value_that_is_none(self) -> None:
@@ -110,27 +110,27 @@ class DamagedDrive:
         self._move()
         self._send({self.random.choice((0, 1)): self.random.choice(
             (math.nan, math.inf, -math.inf, 1e300))})
-        self.counts['not finite'] += 1
+        self.counts['not_finite'] += 1
         self.an_ordinary_sample()
 
     def a_duplicate(self) -> None:
         """Sent twice, or the same stamp with other angles: the first counts."""
         self.an_ordinary_sample()
         self._send({0: self.random.choice((self.raw()[0], 3.0))})
-        self.counts['not newer'] += 1
+        self.counts['out_of_order'] += 1
         self.an_ordinary_sample()
 
     def a_message_out_of_order(self) -> None:
         """One that is late by less than a second is passed over."""
         self._send({0: 3.0}, stamp_ns=self._last - self.random.randrange(2000, SECOND))
-        self.counts['not newer'] += 1
+        self.counts['out_of_order'] += 1
         self.an_ordinary_sample()
 
     def a_straggler(self) -> None:
         """One message from long ago is no restart of time."""
         self._move()
         self._send({1: 3.0}, stamp_ns=self._last - self.random.randrange(2, 1000) * SECOND)
-        self.counts['stragglers'] += 1
+        self.counts['late_messages'] += 1
         self.an_ordinary_sample()
 
     def time_starts_again(self) -> None:
@@ -142,7 +142,7 @@ class DamagedDrive:
         self._send()
         self._believed = self.raw()
         self._something_harmless()
-        self.counts['restarts of time'] += 1
+        self.counts['time_resets'] += 1
         self.an_ordinary_sample()
 
     def a_wrap(self) -> None:
@@ -191,18 +191,18 @@ class DamagedDrive:
         self._move()
         self._send()
         self._answer(but_of=sides)
-        self.counts['counter resets'] += 1
+        self.counts['encoder_resets'] += 1
 
     def _something_harmless(self) -> None:
         """Send, sometimes, what is neither believed nor refutes what is held back."""
         kind = self.random.randrange(4)
         if kind == 1:
             self._send(names=['arm'])
-            self.counts['without our wheels'] += 1
+            self.counts['without_wheels'] += 1
         elif kind == 2:
             self._move()
             self._say(NAMES, [], [], self.now)
-            self.counts['without a value'] += 1
+            self.counts['missing_values'] += 1
 
     def _move(self, elapsed_ns: int | None = None, is_steady: bool = False) -> None:
         """Turn the wheels, and let a period pass."""
@@ -248,7 +248,7 @@ class DamagedDrive:
             step = DIRECTIONS[side] * self._unheard[side]
             wraps |= side not in but_of and (
                 abs(raw[side] - self._believed[side] - step) > 0.5 * WRAP)
-        self.counts['wraps'] += counts_wraps and wraps
+        self.counts['wraparounds'] += counts_wraps and wraps
         self._unheard = [0.0, 0.0]
         self._believed = raw
         self._last = self.now
