@@ -1,9 +1,9 @@
 """
-The limits of one axis of the body: from the speed asked for to the speed of this period.
+Limits of velocity, acceleration and jerk of one body axis.
 
-The parameters and the rules are diff_drive_controller's, which has them from control_toolbox's
-RateLimiter; step() says where this differs. Units are m and s for the linear axis, rad and s
-for the angular one; forward is the positive direction. What is not limited has an infinite limit.
+Parameters and rules are those of diff_drive_controller, by control_toolbox's RateLimiter; step()
+lists the differences. Units are m and s for the linear axis, rad and s for the angular one;
+forward is the positive direction. Without a limit, the limit is infinite.
 """
 from dataclasses import dataclass, fields
 import math
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from diffdrive_ros.core.validation import finite_number, real_number
 
-# What switches a family of limits off by being nan, and what is without effect then.
+# The maximum that switches a family of limits off if it is nan, and the rest of the family.
 _FAMILIES = {
     'max_velocity': ('min_velocity',),
     'max_acceleration': (
@@ -23,26 +23,26 @@ _NOT_POSITIVE = 'min_velocity', 'max_deceleration', 'max_acceleration_reverse', 
 
 
 class _Rates(NamedTuple):
-    """How fast motion in one direction may speed up and slow down [1/s^2], without signs."""
+    """Limits of acceleration and deceleration in one direction, without signs."""
 
-    speeding_up: float
-    slowing_down: float
+    acceleration: float
+    deceleration: float
 
 
 @dataclass(frozen=True)
 class AxisLimits:
     """
-    Limits of the velocity, the acceleration and the jerk along one axis; nan is one not set.
+    Limits of velocity, acceleration and jerk of one axis; nan is a limit that is not set.
 
-    A maximum that is nan switches its family off: max_velocity the velocities, max_acceleration
-    all that accelerate and decelerate, max_jerk the jerks. Where the maximum is set,
+    A maximum of nan switches its family off: max_velocity the velocities, max_acceleration all
+    accelerations and decelerations, max_jerk the jerks. If the maximum is set,
 
     - min_velocity, max_acceleration_reverse and min_jerk are minus the maximum unless set;
     - max_deceleration, of forward motion, is max_acceleration_reverse unless set;
     - max_deceleration_reverse, of reverse motion, is max_acceleration unless set.
 
-    0.0 is a limit: with a max_acceleration of 0.0 the robot never starts. An infinite limit is
-    none. Raises ValueError unless min_velocity, max_deceleration, max_acceleration_reverse and
+    0.0 is a limit: with a max_acceleration of 0.0 the robot never moves. An infinite limit is no
+    limit. Raises ValueError unless min_velocity, max_deceleration, max_acceleration_reverse and
     min_jerk are zero or less, and the others zero or more.
     """
 
@@ -67,7 +67,7 @@ class AxisLimits:
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Which limits are set, but do nothing because their maximum is not set."""
+        """Limits that are set without effect, because their maximum is not set."""
         return tuple(
             name for maximum, others in _FAMILIES.items() if math.isnan(getattr(self, maximum))
             for name in others if not math.isnan(getattr(self, name)))
@@ -79,22 +79,21 @@ class AxisLimits:
         """
         Return the speed to apply now; last was dt ago, before_last dt_before (or dt) before that.
 
-        First the jerk is limited, where it points towards the target; then the acceleration,
-        forward or reverse by the sign of last; then the velocity. Unlike diff_drive_controller's
+        The jerk is limited first, if it is towards the target; then the acceleration, forward or
+        reverse by the sign of last; then the velocity. Differences to diff_drive_controller:
 
-        - a target of zero, or one that the velocity limits make zero, is a stop: jerk limits do
-          not count, nor does a deceleration limit of 0.0, with which no robot would ever stop;
-        - a speed beyond the velocity limits, because they were lowered, comes back by the
-          deceleration limit and not in a jump, unless that limit is 0.0; jerk limits do not count;
-        - a period in which the direction changes decelerates to zero, and has what is left of
-          its time for acceleration in the new direction, each by its own limit;
-        - the momentum that jerk limits preserve never makes a robot faster that was asked to be
-          slower, nor does it carry the speed past zero, away from the target.
+        - A target of zero, or one that the velocity limits make zero, is a stop. Jerk limits have
+          no effect then, nor has a deceleration limit of 0.0, with which no robot could stop.
+        - A speed beyond lowered velocity limits decelerates by the deceleration limit, unless that
+          is 0.0, and does not jump. Jerk limits have no effect.
+        - In a period of reversal the speed decelerates to zero, and accelerates in the new
+          direction for the rest of the period, each by its own limit.
+        - The momentum that jerk limits preserve never accelerates a robot whose target is slower,
+          and never carries the speed past zero, away from the target.
 
-        So the speed never passes the target, and goes to zero without ever turning back; with
-        jerk limits a robot that was slowing down may go on to, though asked to be faster. While no
-        time passes, with a dt of zero or less, it stays at last. Raises ValueError for anything
-        not finite.
+        So the speed never overshoots the target and approaches zero monotonically. With jerk
+        limits, a robot that decelerates may continue to, although its target is faster. With a dt
+        of zero or less the speed stays at last. Raises ValueError for values that are not finite.
         """
         target, last = finite_number('target', target), finite_number('last', last)
         before_last, dt = finite_number('before_last', before_last), finite_number('dt', dt)
@@ -109,15 +108,15 @@ class AxisLimits:
             if dt_before > 0.0:
                 change *= dt / dt_before
             now = self._ramp(self._smooth(target, last, change, dt), last, dt)
-        elif (forward if last > 0.0 else reverse).slowing_down:
+        elif (forward if last > 0.0 else reverse).deceleration:
             now = self._ramp(target, last, dt)
         else:
             now = min(max(last, low), high) if target else 0.0
-        return now + 0.0  # a zero without a sign
+        return now + 0.0  # no negative zero
 
     @property
     def _velocities(self) -> tuple[float, float]:
-        """Lowest and highest velocity, both finite, so that what is applied is too."""
+        """Lowest and highest velocity, both finite, so that the applied speed is too."""
         fastest = sys.float_info.max
         high = _set_or(self.max_velocity, fastest)
         low = -high if math.isnan(self.max_velocity) else _set_or(self.min_velocity, -high)
@@ -143,24 +142,24 @@ class AxisLimits:
 
     def _smooth(self, target: float, last: float, change: float, dt: float) -> float:
         """
-        Return the speed closest to a target, not zero, that the jerk limits allow.
+        Return the speed closest to a nonzero target within the jerk limits.
 
-        change is that of the speed, if it went on as before for another dt.
+        change is the change of the speed in dt at the current acceleration.
         """
         lowest, highest = (jerk * dt * dt for jerk in self._jerks)
         low, high = self._velocities
-        as_before = last + change
-        # The target stands first: it is what is left where infinities have cancelled to nan.
+        coasting = last + change
+        # The target is the first argument: min and max return it if the other is nan.
         if target > last:
-            target = min(target, as_before + highest)
+            target = min(target, coasting + highest)
             low = max(low, 0.0 if last >= 0.0 else last)
         elif target < last:
-            target = max(target, as_before + lowest)
+            target = max(target, coasting + lowest)
             high = min(high, 0.0 if last <= 0.0 else last)
         return min(max(target, low), high)
 
     def _ramp(self, target: float, last: float, dt: float) -> float:
-        """Return the speed closest to a target that the limits of acceleration allow."""
+        """Return the speed closest to a target within the limits of acceleration."""
         forward, reverse = self._rates
         if last < 0.0 or (last == 0.0 and target < 0.0):
             return -_ramp_forward(-target, -last, dt, reverse, forward)
@@ -168,14 +167,14 @@ class AxisLimits:
 
 
 def _ramp_forward(target: float, last: float, dt: float, here: _Rates, there: _Rates) -> float:
-    """Return the next speed of motion in one direction, given that and the other's rates."""
+    """Return the next speed of motion in one direction, by the rates of both directions."""
     if target >= last:
-        return min(target, last + here.speeding_up * dt)
-    slowed = last - here.slowing_down * dt
+        return min(target, last + here.acceleration * dt)
+    slowed = last - here.deceleration * dt
     if slowed >= 0.0:
         return max(target, slowed)
-    left = max(dt - last / here.slowing_down, 0.0)  # of the period, once the speed is zero
-    return max(target, -there.speeding_up * left)
+    left = max(dt - last / here.deceleration, 0.0)  # of the period after the speed is zero
+    return max(target, -there.acceleration * left)
 
 
 def _set_or(value: float, default: float) -> float:

@@ -1,5 +1,5 @@
 """
-The geometry of a differential drive: body twists, wheel speeds and the matrices between them.
+Kinematics of a differential drive: body twists, wheel speeds and the Jacobians between them.
 
 Body frame: x forward, y left, origin between the wheels' contact points. Both wheels turning
 positive drive along +x. Left before right. Twists are [v_x, v_y, omega]; SI units, rad.
@@ -16,12 +16,12 @@ import numpy.typing as npt
 @dataclass(frozen=True, slots=True)
 class DiffDrive:
     """
-    A robot on two driven wheels, or two sides of wheels that turn together.
+    The geometry of two driven wheels, or of two sides of wheels that turn together.
 
     wheel_separation is the FULL distance between the left and right contact points, in m, twice
-    the d of the equations. Too large a value, and the robot turns further than commanded while
-    its odometry turns too little; given by half, every turn comes out wrong by a factor of two.
-    The radii are in m and may differ. Raises ValueError unless all are positive and finite.
+    the d of the equations. Too large: the robot turns further than commanded, and odometry
+    reports too little. Half of it: every turn is wrong by a factor of two. The radii are in m and
+    may differ. Raises ValueError unless all are positive and finite.
     """
 
     wheel_separation: float
@@ -75,7 +75,7 @@ class DiffDrive:
 
     def displacement(self, delta_left: npt.ArrayLike, delta_right: npt.ArrayLike) -> Array:
         """
-        Return V_b dt, (..., 3), of the wheels' increments [rad] over one step.
+        Return V_b dt, (..., 3), of wheel angle increments [rad].
 
         V_b dt = H+ (delta phi_L, delta phi_R); se2.exp of it is the motion. Raises ValueError
         for anything not finite.
@@ -120,11 +120,11 @@ class DiffDrive:
         self, left: npt.ArrayLike, right: npt.ArrayLike, body_twist: npt.ArrayLike,
     ) -> Array:
         """
-        Return how fast each wheel's contact point slides over the floor, (..., 2, 2) [m/s].
+        Return the sliding velocity of each wheel's contact point, (..., 2, 2) [m/s].
 
-        A conventional wheel that rolls has V_i = (r_i phi'_i, 0, omega): then both components,
-        forward and sideways, are zero, which is the rolling constraint. left and right are wheel
-        speeds [rad/s]. Raises ValueError for a wrong shape or anything not finite.
+        A conventional wheel that rolls has V_i = (r_i phi'_i, 0, omega). Both components, forward
+        and sideways, are zero then: the rolling constraint. left and right are wheel speeds
+        [rad/s]. Raises ValueError for a wrong shape or anything not finite.
         """
         rims = np.stack(np.broadcast_arrays(
             self.left_wheel_radius * finite('left', left),
@@ -149,13 +149,13 @@ def desaturate(
     left: npt.ArrayLike, right: npt.ArrayLike, limit: float,
 ) -> tuple[npt.ArrayLike, npt.ArrayLike]:
     """
-    Return wheel speeds brought below a limit by one common factor, so that the curve stays.
+    Return wheel speeds scaled to a limit by one factor, so that the curvature stays.
 
-    Scalars or arrays; the factor is each pair's own and never above 1. Raises ValueError for
+    Scalars or arrays; each pair has its own factor, at most 1. Raises ValueError for
     speeds that are not finite and for a limit that is not positive and finite.
     """
     left, right = finite('left', left), finite('right', right)
     limit = positive('limit', limit)
     factor = limit / np.maximum(np.maximum(np.abs(left), np.abs(right)), limit)
-    # Clipped besides, because the rounded product may end one unit above the limit.
+    # Clipped as well, because the rounded product may be one unit above the limit.
     return np.clip(left * factor, -limit, limit), np.clip(right * factor, -limit, limit)

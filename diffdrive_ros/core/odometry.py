@@ -1,8 +1,8 @@
 """
-Odometry: from wheel angles to poses, for whole logs at once and online, sample by sample.
+Odometry: poses from wheel angles, for whole logs and online for each sample.
 
-Between two samples each wheel is taken to turn at a constant speed; the robot then drives an
-arc, and the integration is exact for it (doc/kinematics.md, rows 9 to 14). Wheel angles are in
+Between two samples each wheel turns at a constant speed. The robot then drives an arc, and the
+integration is exact for it (doc/kinematics.md, rows 9 to 14). Wheel angles are in
 rad, continuous (not wrapped), left before right. Poses are [x, y, theta] in the odom frame,
 theta not wrapped; twists are [v_x, v_y, omega] in the body frame; SI units.
 """
@@ -26,8 +26,9 @@ def integrate(
     """
     Return the poses, (N, 3), of a whole log of wheel angles [rad] of shape (N,).
 
-    The first pose is start. Exact, for any turn, if the speeds of the wheels keep their ratio
-    between two samples. Raises ValueError for shapes that do not fit and for anything not finite.
+    The first pose is start. The result is exact for any turn if the ratio of the wheel speeds is
+    constant between two samples. Raises ValueError for different shapes and for values that are
+    not finite.
     """
     return _follow(drive, *_log(left, right), _pose('start', start), _arc)
 
@@ -37,12 +38,12 @@ def integrate_chunks(
     start: npt.ArrayLike = ORIGIN,
 ) -> Iterator[Array]:
     """
-    Return an iterator over the poses of a log that comes in chunks, larger than memory or live.
+    Return an iterator over the poses of a log in chunks, larger than memory or live.
 
-    A chunk is a pair (left, right) of wheel angles [rad] of shape (N,), of any N, also zero; its
-    poses, (N, 3), are those that integrate has for these samples of the whole log. One chunk at
-    a time is taken, and none is kept. Raises ValueError as integrate does, for a chunk when it
-    is taken, and names it: the first is chunk 0.
+    A chunk is a pair (left, right) of wheel angles [rad] of shape (N,), N may be zero. Its poses,
+    (N, 3), are those of integrate for the same samples of the whole log. Chunks are read one at a
+    time and not kept. Raises ValueError as integrate does, when the chunk is read; the message
+    has its index from 0.
     """
     return _follow_chunks(drive, chunks, _pose('start', start))
 
@@ -52,9 +53,9 @@ def integrate_speeds(
     start: npt.ArrayLike = ORIGIN,
 ) -> Array:
     """
-    Return the poses, (N + 1, 3), of a history of wheel speeds [rad/s] of shape (N,).
+    Return the poses, (N + 1, 3), of wheel speeds [rad/s] of shape (N,).
 
-    Each pair of speeds is held for dt [s], one for all or of shape (N,). Otherwise as integrate.
+    Each pair of speeds lasts for dt [s], a scalar or of shape (N,). Otherwise as integrate.
     """
     left, right, dt = finite('left', left), finite('right', right), finite('dt', dt)
     for name, speeds in (('left', left), ('right', right)):
@@ -69,46 +70,46 @@ def integrate_euler(
     drive: DiffDrive, left: npt.ArrayLike, right: npt.ArrayLike, start: npt.ArrayLike = ORIGIN,
 ) -> Array:
     """
-    Return the poses of integrate by the first-order rule q(k+1) = q(k) + q'(k) dt, (N, 3).
+    Return the poses by explicit Euler, q(k+1) = q(k) + q'(k) dt, (N, 3).
 
-    Kept to show its error: each step leaves along the old heading, so a curve is driven too
-    wide. Arguments and errors are those of integrate.
+    For comparison only: each step follows the old heading, so that curves come out too wide.
+    Arguments and errors are those of integrate.
     """
     return _follow(drive, *_log(left, right), _pose('start', start), _tangent)
 
 
-# Steps at a time: what is computed on the way to the poses stays in a core's cache.
-BLOCK = 8192
+# Intermediate arrays of a block stay in a core's cache.
+BLOCK_STEPS = 8192
 
-Rule = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""From the distances, the turns and the headings before them to the steps in x and y."""
+StepRule = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""A function of distances, turns and initial headings that returns the steps in x and y."""
 
 
-def _follow(drive: DiffDrive, left: Array, right: Array, start: Array, rule: Rule) -> Array:
+def _follow(drive: DiffDrive, left: Array, right: Array, start: Array, rule: StepRule) -> Array:
     """Return the poses of wheel angles, (N, 3)."""
     poses = np.empty((left.size, 3))
     poses[:1] = start
-    for first in range(0, left.size - 1, BLOCK):
-        block = slice(first, first + BLOCK + 1)
+    for first in range(0, left.size - 1, BLOCK_STEPS):
+        block = slice(first, first + BLOCK_STEPS + 1)
         _follow_block(drive, left[block], right[block], poses[block], rule)
     return poses
 
 
 def _follow_block(
-    drive: DiffDrive, left: Array, right: Array, poses: Array, rule: Rule,
+    drive: DiffDrive, left: Array, right: Array, poses: Array, rule: StepRule,
 ) -> None:
-    """Fill in the poses, (N, 3), after the first."""
+    """Write the poses, (N, 3), after the first."""
     def add_up(axis: int, steps: Array) -> None:
         column = poses[:, axis]
         column[1:] = steps
         np.add.accumulate(column, out=column)
-        if not isfinite(column[-1]):  # what is not stays in the sum
+        if not isfinite(column[-1]):  # a value that is not finite stays in the sum
             bad = int(np.argmin(np.isfinite(column)))
             raise ValueError(
                 f'left, right = {left[bad]}, {right[bad]} after {left[bad - 1]}, '
                 f'{right[bad - 1]}: must lead to a finite pose')
 
-    with np.errstate(over='ignore', invalid='ignore'):  # add_up finds it
+    with np.errstate(over='ignore', invalid='ignore'):  # add_up raises
         distance, turn = _steps(drive, left, right)
         add_up(2, turn)
         dx, dy = rule(distance, turn, poses[:-1, 2])
@@ -117,7 +118,7 @@ def _follow_block(
 
 
 def _steps(drive: DiffDrive, left: Array, right: Array) -> tuple[Array, Array]:
-    """Return drive.body_twist of what the wheels turned from sample to sample, unchecked."""
+    """Return drive.body_twist of the wheel steps, without its checks."""
     left_rim = drive.left_wheel_radius * (left[1:] - left[:-1])
     right_rim = drive.right_wheel_radius * (right[1:] - right[:-1])
     return 0.5 * (right_rim + left_rim), (right_rim - left_rim) / drive.wheel_separation
@@ -136,7 +137,7 @@ def _tangent(distance: Array, turn: Array, heading: Array) -> tuple[Array, Array
 def _follow_chunks(
     drive: DiffDrive, chunks: Iterable[tuple[npt.ArrayLike, npt.ArrayLike]], pose: Array,
 ) -> Iterator[Array]:
-    last: Array = np.empty((2, 0))  # of the angles until now: left, right
+    last: Array = np.empty((2, 0))  # left and right angle of the last sample
     for number, chunk in enumerate(chunks):
         try:
             left, right = chunk
@@ -148,10 +149,10 @@ def _follow_chunks(
             poses = _follow(drive, angles[0], angles[1], pose, _arc)
         except ValueError as error:
             raise ValueError(f'chunk {number}: {error}') from None
-        known = last.shape[1]
+        old = last.shape[1]
         last = angles[:, -1:].copy()
-        pose = poses[-1].copy() if poses.size else pose  # the caller may change what is yielded
-        yield poses[known:]
+        pose = poses[-1].copy() if poses.size else pose  # the caller may change the yielded array
+        yield poses[old:]
 
 
 def _log(left: npt.ArrayLike, right: npt.ArrayLike) -> tuple[Array, Array]:
@@ -170,13 +171,13 @@ def _pose(name: str, value: npt.ArrayLike) -> Array:
 
 
 def _covariance(name: str, value: npt.ArrayLike) -> Array:
-    """Return a covariance of a pose, (3, 3), or raise ValueError for what is none."""
+    """Return a covariance of a pose, (3, 3); raises ValueError unless it is one."""
     matrix = finite(name, value)
     if matrix.shape != (3, 3):
         raise ValueError(f'{name} has shape {matrix.shape}: must be (3, 3)')
-    if np.diag(matrix).max() > LARGEST_VARIANCE:
+    if np.diag(matrix).max() > MAX_VARIANCE:
         raise ValueError(
-            f'{name} = {matrix.tolist()}: must have no variance above {LARGEST_VARIANCE:g}')
+            f'{name} = {matrix.tolist()}: must have no variance above {MAX_VARIANCE:g}')
     deviations = np.sqrt(np.abs(np.diag(matrix)))
     deviations[deviations == 0.0] = 1.0
     correlation = matrix / deviations[:, np.newaxis] / deviations  # free of units
@@ -190,12 +191,11 @@ def _covariance(name: str, value: npt.ArrayLike) -> Array:
 @dataclass(frozen=True, slots=True)
 class WheelNoise:
     """
-    How far the wheels' travel over the floor can be trusted: white noise that grows with it.
+    White noise of the wheels' travel over the floor; its variance grows with the travel.
 
-    left_travel and right_travel are the variance of each wheel's travel per metre driven by it
-    [m^2/m]; turn is the variance of the heading per radian turned, from wheels that scrub
-    [rad^2/rad]. The defaults suit a small indoor robot. Raises ValueError for a value that is
-    negative or not finite.
+    left_travel and right_travel are the variance of each wheel's travel per metre [m^2/m]. turn is
+    the variance of the heading per radian turned, from tyre scrub [rad^2/rad]. The defaults suit a
+    small indoor robot. Raises ValueError for a value that is negative or not finite.
     """
 
     left_travel: float = 5e-6
@@ -210,12 +210,12 @@ class WheelNoise:
 @dataclass(frozen=True, slots=True)
 class GeometryUncertainty:
     """
-    How well the geometry is known: the standard deviation of each measure of DiffDrive, in m.
+    Standard deviations of the geometry: one of each measure of DiffDrive, in m.
 
-    An error of the geometry is the same all the way. Unlike noise it never averages out: the
-    uncertainty that it brings grows with the path, not with its root. The three errors are
-    independent of each other. Zero, the default, takes the geometry for exact. Raises ValueError
-    for a value that is negative or not finite.
+    An error of the geometry is constant along the path. Unlike noise it never averages out: the
+    deviation grows with the path, not with its square root. The three errors are independent.
+    Zero, the default, is an exact geometry. Raises ValueError for a value that is negative or not
+    finite.
     """
 
     wheel_separation: float = 0.0
@@ -227,24 +227,23 @@ class GeometryUncertainty:
             not_negative(field.name, getattr(self, field.name))
 
 
-# Variances below these serve nobody and break filters that invert them.
-LEAST_POSE_VARIANCE = 1e-9  # [m^2], [rad^2]
-LEAST_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
+# Smaller variances break filters that invert them.
+MIN_POSE_VARIANCE = 1e-9  # [m^2], [rad^2]
+MIN_TWIST_VARIANCE = 1e-6  # [m^2/s^2], [rad^2/s^2]
 
-# A pose that is given with more is not known; propagated, it would soon not be finite.
-LARGEST_VARIANCE = 1e12  # [m^2], [rad^2]
+# A larger initial variance soon overflows when it is propagated.
+MAX_VARIANCE = 1e12  # [m^2], [rad^2]
 
-# In messages, of what wheels do not measure: large, yet filters can still invert it.
+# In messages, of components without a measurement: large, yet filters can still invert it.
 UNKNOWN_VARIANCE = 1e6  # [m^2], [rad^2] and their rates
 
 Triangle = tuple[float, float, float, float, float, float]
 """The upper triangle of a covariance of [x, y, theta] or its rates: xx, xy, xt, yy, yt, tt."""
 
 
-# A sample as it is kept: stamp, wheel angles, and the sums until then of the variances of the
-# left travel, the right travel and the turn.
+# Stamp, wheel angles, and the accumulated variances of left travel, right travel and turn.
 _Sample = tuple[int, float, float, float, float, float]
-NOTHING_YET: _Sample = (0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SAMPLE: _Sample = (0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 Estimate = tuple[tuple[float, float, float], Triangle, tuple[float, float], Triangle]
 """Pose and its covariance, twist [v_x, omega] and the covariance of [v_x, v_y, omega]."""
@@ -252,12 +251,12 @@ Estimate = tuple[tuple[float, float, float], Triangle, tuple[float, float], Tria
 
 class Odometry:
     """
-    The pose of a robot, kept up to date with each sample of its wheel angles.
+    Pose, twist and covariances of a robot, updated by each sample of its wheel angles.
 
-    window is the number of sample intervals over which the twist is measured, as displacement
-    over time. drive and noise may be set anew at any time and hold from the next sample on;
-    geometry_uncertainty holds for the whole path since the last reset, as one error of the
-    geometry does, also where drive was set anew. Raises ValueError for a window below 1.
+    window is the number of sample intervals of which the twist is the mean, as displacement over
+    time. drive and noise may be assigned at any time, with effect from the next sample on.
+    geometry_uncertainty is of the whole path since the last reset, even if drive changes.
+    Raises ValueError for a window below 1.
     """
 
     def __init__(
@@ -276,34 +275,36 @@ class Odometry:
 
     def reset(self, pose: npt.ArrayLike = ORIGIN, covariance: npt.ArrayLike | None = None) -> None:
         """
-        Set the pose, (3,), and its covariance, (3, 3); the wheels' last sample stays.
+        Set the pose, (3,), and its covariance, (3, 3); the last wheel angles stay the baseline.
 
-        Without a covariance it is the least; one that is less in some direction is made larger in
-        all, by what lacks. The pose is taken to come from elsewhere, so that its error is
-        independent of the geometry's, whose effect counts anew from here. Raises ValueError, and
-        changes nothing, for a pose that is none and for a covariance that is not finite, symmetric
-        and positive semidefinite.
+        The default covariance is MIN_POSE_VARIANCE times the identity. A smaller one is increased
+        by a multiple of the identity to that smallest eigenvalue. The error of the pose is assumed
+        to be independent of that of the geometry, whose effect restarts from zero. Raises
+        ValueError, without effect, for an invalid pose and for a covariance that is not finite,
+        symmetric and positive semidefinite.
         """
         pose = _pose('pose', pose)
         spread = np.zeros((3, 3)) if covariance is None else _covariance('covariance', covariance)
-        lacking = LEAST_POSE_VARIANCE - np.linalg.eigvalsh(spread).min()
+        lacking = MIN_POSE_VARIANCE - np.linalg.eigvalsh(spread).min()
         spread = spread + max(lacking, 0.0) * np.eye(3)
         self._x, self._y, self._theta = pose.tolist()
-        # What the noise did to the pose: the upper triangle of its covariance in the odom frame.
+        # The covariance of the pose by the noise, in the odom frame: its upper triangle.
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = spread.tolist()
         self._noise_covariance = xx, xy, xt, yy, yt, tt
-        # What an error of the geometry does to it: the columns of the sensitivity, by the
-        # separation, the left and the right radius, one after the other.
+        # The derivatives of the pose by wheel separation, left radius and right radius.
         self._sensitivity = (*ORIGIN, *ORIGIN, *ORIGIN)
 
     def update(self, left: float, right: float, stamp_ns: int) -> bool:
         """
-        Take a sample of the wheel angles [rad] at a time [ns]; True if the pose is now of it.
+        Integrate a sample of wheel angles [rad] at a stamp [ns]; return whether it was newer.
 
-        The first sample is the baseline: the pose stays. A sample that is not newer than the
-        last is passed over, and the next one carries its motion. Raises ValueError for angles
-        that are not finite, or so far from the last that the pose or its covariance would not
-        be; nothing has changed then.
+        The first sample is the baseline: the pose stays. An out-of-order sample is dropped, and
+        the next one contains its motion. Raises ValueError, without effect, for angles that are
+        not finite, or so far from the last that the pose or its covariance overflows.
+
+        The scalar form, in plain floats, of integrate (and so of se2.exp and se2.chord_over_arc)
+        and of calibration's linearize. test_online_and_batch_end_at_the_same_pose and
+        test_linearization.py hold them equal. Cost: doc/performance.md, "The core".
         """
         if not (isfinite(left) and isfinite(right)):
             raise ValueError(f'left, right = {left!r}, {right!r}: must be finite')
@@ -311,12 +312,12 @@ class Odometry:
         if not samples:
             samples.append((stamp_ns, left, right, 0.0, 0.0, 0.0))
             return True
-        last_ns, last_left, last_right, of_left, of_right, of_turn = samples[-1]
+        last_ns, last_left, last_right, sum_left, sum_right, sum_turn = samples[-1]
         if stamp_ns <= last_ns:
             return False
         left_step, right_step = left - last_left, right - last_right
         if left_step == 0.0 and right_step == 0.0:
-            samples.append((stamp_ns, left, right, of_left, of_right, of_turn))
+            samples.append((stamp_ns, left, right, sum_left, sum_right, sum_turn))
             return True
         drive, noise = self.drive, self.noise
         separation = drive.wheel_separation
@@ -328,22 +329,22 @@ class Odometry:
             raise ValueError(
                 f'travel = {left_travel!r}, {right_travel!r} m in one step: must be finite')
         half_turn = 0.5 * turn
-        shrink = sin(half_turn) / half_turn if half_turn != 0.0 else 1.0
-        if -0.1 < half_turn < 0.1:  # its derivative to 5e-14, by the series where the rest cancels
+        chord_over_arc = sin(half_turn) / half_turn if half_turn != 0.0 else 1.0
+        if -0.1 < half_turn < 0.1:  # as in se2.chord_over_arc_rate
             square = half_turn * half_turn
-            shrink_rate = -half_turn / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (
-                1.0 - square / 54.0)))
+            chord_over_arc_rate = -half_turn / 3.0 * (
+                1.0 - square / 10.0 * (1.0 - square / 28.0 * (1.0 - square / 54.0)))
         else:
-            shrink_rate = (cos(half_turn) - shrink) / half_turn
+            chord_over_arc_rate = (cos(half_turn) - chord_over_arc) / half_turn
         mid_heading = self._theta + half_turn
         cos_mid, sin_mid = cos(mid_heading), sin(mid_heading)
-        # The derivatives of the new pose by the distance, a = (ax, ay, 0), and by the turn,
-        # t = (tx, ty, 1); F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] is that by the old pose.
-        ax, ay = shrink * cos_mid, shrink * sin_mid
+        # Derivatives of the new pose: a = (ax, ay, 0) by the distance, t = (tx, ty, 1) by the
+        # turn, F = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]] by the old pose.
+        ax, ay = chord_over_arc * cos_mid, chord_over_arc * sin_mid
         dx, dy = distance * ax, distance * ay
-        bend = 0.5 * distance * shrink_rate
+        bend = 0.5 * distance * chord_over_arc_rate
         tx, ty = bend * cos_mid - 0.5 * dy, bend * sin_mid + 0.5 * dx
-        # The noise of the wheels, as variances of distance and turn and their covariance.
+        # Variances of distance (a) and turn (t) by the noise, and their covariance.
         var_left = noise.left_travel * abs(left_travel)
         var_right = noise.right_travel * abs(right_travel)
         var_turn = noise.turn * abs(turn)
@@ -363,8 +364,8 @@ class Odometry:
                 f'travel = {left_travel!r}, {right_travel!r} m in one step: must be less, for '
                 'a finite covariance')
         self._noise_covariance = xx, xy, f_xt + of_tx, yy, f_yt + of_ty, p_tt + v_tt
-        if not self._is_exact:  # a wrong separation is wrong turns; a wrong radius, wrong travel
-            # s <- F s + along a + around t, by the distance and by the turn that came of it.
+        if not self._is_exact:  # the separation has an effect on turns, a radius on both
+            # s <- F s + along a + around t, of its effects on distance and turn.
             sx, sy, st, lx, ly, lt, rx, ry, rt = self._sensitivity
             s_around = -turn / separation
             l_along, l_around = 0.5 * left_step, -left_step / separation
@@ -379,15 +380,16 @@ class Odometry:
         self._y += dy
         self._theta += turn
         samples.append((
-            stamp_ns, left, right, of_left + var_left, of_right + var_right, of_turn + var_turn))
+            stamp_ns, left, right,
+            sum_left + var_left, sum_right + var_right, sum_turn + var_turn))
         return True
 
     def reset_time(self, stamp_ns: int) -> None:
         """Move the last sample to a stamp [ns] of a time that was reset; the pose stays."""
         if self._samples:
-            _, left, right, of_left, of_right, of_turn = self._samples[-1]
+            _, left, right, sum_left, sum_right, sum_turn = self._samples[-1]
             self._samples.clear()
-            self._samples.append((stamp_ns, left, right, of_left, of_right, of_turn))
+            self._samples.append((stamp_ns, left, right, sum_left, sum_right, sum_turn))
 
     @property
     def pose(self) -> Array:
@@ -396,7 +398,7 @@ class Odometry:
 
     @property
     def twist(self) -> Array:
-        """Return the mean body twist [v_x, 0, omega] of the window, (3,); exactly zero at rest."""
+        """Return the mean body twist [v_x, 0, omega] of the window, (3,); exactly 0 at rest."""
         _, _, (linear, angular), _ = self.estimate()
         return np.array([linear, 0.0, angular])
 
@@ -405,7 +407,7 @@ class Odometry:
         """
         Return the covariance of the pose in the odom frame, (3, 3), order x, y, theta.
 
-        That of the noise, and S diag(deviations^2) S^T of the geometry, S its sensitivity.
+        The sum of that by the noise and S diag(deviations^2) S^T, S = geometry_sensitivity.
         """
         _, covariance, _, _ = self.estimate()
         return _matrix(covariance)
@@ -413,25 +415,29 @@ class Odometry:
     @property
     def twist_covariance(self) -> Array:
         """
-        Return the covariance of the twist, (3, 3), order v_x, v_y, omega, never below a floor.
+        Return the covariance of the twist, (3, 3), order v_x, v_y, omega, floor included.
 
-        From the noise of the travel in the window and the uncertain geometry; sideways slip is
-        taken to be as large as slip along, since wheels that lose their grip lose it in both
-        directions.
+        From the noise in the window and the geometry. Sideways slip is assumed to be as large as
+        longitudinal slip, because wheels lose their grip in both directions.
         """
         _, _, _, covariance = self.estimate()
         return _matrix(covariance)
 
     def estimate(self) -> Estimate:
-        """Return all of the above in plain floats, as a message wants it, in one go."""
-        samples = self._samples or [NOTHING_YET]
+        """
+        Return pose, twist and both covariances in plain floats, for a message.
+
+        The scalar form of drive.body_twist over the window and of S diag(deviations^2) S^T;
+        test_estimate_has_the_values_of_the_arrays and test_odometry_covariance.py hold them equal.
+        Cost: doc/performance.md, "read-out".
+        """
+        samples = self._samples or [NO_SAMPLE]
         then_ns, left_then, right_then, var_left_then, var_right_then, var_turn_then = samples[0]
         now_ns, left, right, var_left, var_right, var_turn = samples[-1]
         left, right = left - left_then, right - right_then
         var_left, var_right = var_left - var_left_then, var_right - var_right_then
         var_turn -= var_turn_then
         rate = 1e9 / (now_ns - then_ns) if now_ns > then_ns else 1.0
-        # In plain floats drive.body_twist is faster without its checks.
         drive = self.drive
         separation = drive.wheel_separation
         left_travel = drive.left_wheel_radius * left
@@ -440,7 +446,7 @@ class Odometry:
 
         sideways = 0.25 * (var_left + var_right)
         pose_covariance = self._noise_covariance
-        if not self._is_exact:  # a wrong radius is wrong travel; a wrong separation, wrong turns
+        if not self._is_exact:
             s_var, l_var, r_var = self._geometry_variances
             # P + sum of variance s s^T, over the columns s.
             sx, sy, st, lx, ly, lt, rx, ry, rt = self._sensitivity
@@ -463,18 +469,17 @@ class Odometry:
         return (
             (self._x, self._y, self._theta), pose_covariance,
             (0.5 * (right_travel + left_travel) * rate, turn * rate),
-            (square * along + LEAST_TWIST_VARIANCE, 0.0, square * cross,
-             square * sideways + LEAST_TWIST_VARIANCE, 0.0,
-             square * turning + LEAST_TWIST_VARIANCE))
+            (square * along + MIN_TWIST_VARIANCE, 0.0, square * cross,
+             square * sideways + MIN_TWIST_VARIANCE, 0.0,
+             square * turning + MIN_TWIST_VARIANCE))
 
     @property
     def geometry_sensitivity(self) -> Array:
         """
         Return the derivative of the pose by the geometry since the last reset, (3, 3).
 
-        One row each for x, y, theta; one column each for wheel_separation, left_wheel_radius and
-        right_wheel_radius [m]. Raises ValueError if the geometry was taken for exact: it is not
-        kept then.
+        Rows: x, y, theta. Columns: wheel_separation, left_wheel_radius, right_wheel_radius [m].
+        Raises ValueError without a geometry_uncertainty, because it is not computed then.
         """
         if self._is_exact:
             raise ValueError('geometry_sensitivity: needs a geometry_uncertainty, which is 0')

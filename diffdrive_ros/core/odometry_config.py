@@ -1,4 +1,4 @@
-"""The configuration of odometry: one frozen object, made of the parameters of the node."""
+"""The configuration of odometry: one frozen object, from the parameters of the node."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -80,7 +80,7 @@ class OdometryConfig:
                 'wheel_command_type', 'enable_stamped_cmd_vel', 'publish_limited_velocity')})
 
     def wheel_feedback(self) -> WheelFeedback:
-        """Return a new WheelFeedback; open loop, it takes the velocities that are commanded."""
+        """Return a new WheelFeedback; in open loop it integrates the commanded velocities."""
         return WheelFeedback(
             left_names=self.left_wheel_names, right_names=self.right_wheel_names,
             left_direction=self.left_wheel_direction, right_direction=self.right_wheel_direction,
@@ -103,7 +103,7 @@ class OdometryConfig:
 
 
 def wheel_names(values: Values) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the left and right joints; raises ParameterError unless they pair up."""
+    """Return the left and right joints; raises ParameterError unless they are as many."""
     left, right = tuple(values['left_wheel_names']), tuple(values['right_wheel_names'])
     if len(left) != len(right):
         raise ParameterError(
@@ -151,7 +151,7 @@ def _diagonal(variances: Sequence[float]) -> tuple[float, ...] | None:
 
 
 def _prefix(values: Values, namespace: str) -> str:
-    """Return what stands before the frames, with its slash, or nothing."""
+    """Return the prefix of the frames with its slash, or an empty string."""
     prefix = values['tf_frame_prefix'] if values['tf_frame_prefix_enable'] else ''
     prefix = (namespace if prefix == '~' else prefix).strip('/')
     return f'{prefix}/' if prefix else ''

@@ -1,9 +1,9 @@
 """
-A robot that is not there: motors with lag, wheels that slip, encoders with a resolution.
+A simulated robot: motors with lag, wheels with slip, encoders with a resolution.
 
-It shares no code with the odometry that it is used to judge: time is cut much finer than any
-message, and the true pose is the plain sum of those short moves. The motors' answer to a command
-is that of a first-order lag, in closed form.
+It shares no code with the odometry that it tests. The time step is much shorter than the period
+of messages, and the true pose is the plain sum of those short steps. The response of the motors
+is a first-order lag, in closed form.
 """
 from dataclasses import dataclass
 import math
@@ -16,12 +16,12 @@ import numpy.typing as npt
 @dataclass(frozen=True)
 class RobotModel:
     """
-    What the simulated robot is made of; SI units, rad, wheel_separation in full.
+    Parameters of the simulated robot; SI units, rad, full wheel_separation.
 
-    motor_time_constant [s]: a wheel has done 63 % of a change of speed after it.
-    ticks_per_revolution: steps of an encoder per turn of its wheel, 0 for none. slip: share of
-    their travel that both wheels lose on the floor, below 1. travel_noise [m/sqrt(m)]: standard
-    deviation of a wheel's travel over the floor after one metre. Raises ValueError naming what is
+    motor_time_constant [s]: time to 63 % of a change of wheel speed. ticks_per_revolution: ticks
+    of an encoder per turn of its wheel, 0 for infinite resolution. slip: fraction of their travel
+    that both wheels lose on the floor, below 1. travel_noise [m/sqrt(m)]: standard deviation of a
+    wheel's travel over the floor after one metre. Raises ValueError with the name of a parameter
     out of its range.
     """
 
@@ -44,10 +44,10 @@ class RobotModel:
 
 class SimulatedRobot:
     """
-    A robot, or with runs > 1 as many of its kind at once, each with noise of its own.
+    A robot, or with runs > 1 several at once, each with independent noise.
 
-    Arrays have the shape (2,) or (2, runs), left before right, and poses (3,) or (3, runs). step
-    [s] is how finely time is cut. The same seed gives the same robot.
+    Arrays have the shape (2,) or (2, runs), left before right; poses have (3,) or (3, runs). step
+    [s] is the time step. The same seed gives the same noise.
     """
 
     def __init__(
@@ -70,16 +70,16 @@ class SimulatedRobot:
         self, left: npt.ArrayLike, right: npt.ArrayLike, lasts: float = math.inf,
     ) -> None:
         """
-        Set the speeds [rad/s] that the motors go for; after lasts [s] they go for zero.
+        Set the target speeds [rad/s] of the motors; after lasts [s] they become zero.
 
-        Raises ValueError for speeds that are not finite, and the motors keep what they had.
+        Raises ValueError, without effect, for speeds that are not finite.
         """
         left, right = finite('left', left), finite('right', right)
         self._targets[0], self._targets[1] = left, right
         self._lasts = lasts
 
     def advance(self, seconds: float) -> None:
-        """Let time pass; raises ValueError if it is negative or not finite."""
+        """Advance the time [s]; raises ValueError if it is negative or not finite."""
         seconds = not_negative('seconds', seconds)
         driven = min(seconds, self._lasts)
         self._drive(driven)
@@ -90,7 +90,7 @@ class SimulatedRobot:
 
     @property
     def encoders(self) -> Array:
-        """Return the angles of the wheels [rad] as their encoders tell them."""
+        """Return the wheel angles [rad] at the resolution of the encoders."""
         if not self.model.ticks_per_revolution:
             return self._angles.copy()
         tick = 2.0 * math.pi / self.model.ticks_per_revolution
@@ -123,19 +123,19 @@ class SimulatedRobot:
         self.pose[1] += np.sum((left + right) / 2.0 * np.sin(halfway), axis=0)
         self.pose[2] = headings[-1]
         self._angles += np.sum(moved, axis=0)
-        fading = self._fading(np.array(seconds))
-        self.speeds = self._targets + (self.speeds - self._targets) * fading
+        decay = self._decay(np.array(seconds))
+        self.speeds = self._targets + (self.speeds - self._targets) * decay
 
     def _angles_over(self, times: Array) -> Array:
-        """Return how far the wheels have turned at each time, (N, 2) or (N, 2, runs)."""
+        """Return the turn of the wheels until each time, (N, 2) or (N, 2, runs)."""
         times = times.reshape(-1, *(1 for _ in self._targets.shape))
         behind = self.speeds - self._targets
-        lag = self.model.motor_time_constant * (1.0 - self._fading(times))
+        lag = self.model.motor_time_constant * (1.0 - self._decay(times))
         angles: Array = self._targets * times + behind * lag
         return angles
 
-    def _fading(self, times: Array) -> Array:
-        """Return the share of a difference in speed that is left after some time."""
+    def _decay(self, times: Array) -> Array:
+        """Return the remaining fraction of a difference in speed after some time."""
         if self.model.motor_time_constant == 0.0:
             return np.where(times > 0.0, 0.0, 1.0)
         return np.exp(-times / self.model.motor_time_constant)

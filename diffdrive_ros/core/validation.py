@@ -1,4 +1,4 @@
-"""The rules of numeric arguments: one error, naming the argument, its value and the rule."""
+"""Validation of numeric arguments: errors have the argument, its value and the rule."""
 import math
 from numbers import Real
 

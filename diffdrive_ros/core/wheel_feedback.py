@@ -277,8 +277,8 @@ class WheelFeedback:
         wheel.pending_step = (value, stamp_ns)
         self.warning = (
             f'{wheel.name} moved from {wheel.value:g} to {value:g} rad in '
-            f'{(stamp_ns - wheel.stamp_ns) * 1e-9:g} s, above max_plausible_wheel_speed: ignored '
-            'as a glitch or an encoder reset')
+            f'{(stamp_ns - wheel.stamp_ns) * 1e-9:g} s, faster than max_plausible_wheel_speed: '
+            'ignored as a glitch or an encoder reset')
         return None
 
     def _step(self, old: float, new: float) -> float:
@@ -294,7 +294,7 @@ class WheelFeedback:
         """Return the update of a wheel by a velocity [rad/s], None if it is implausible."""
         if self.max_plausible_speed is not None and abs(speed) > self.max_plausible_speed:
             self._events.add('glitches')
-            self.warning = f'{wheel.name} = {speed:g} rad/s: above max_plausible_wheel_speed'
+            self.warning = f'{wheel.name} = {speed:g} rad/s: faster than max_plausible_wheel_speed'
             return None
         elapsed_ns = stamp_ns - wheel.stamp_ns
         if wheel.stamp_ns == NEVER_NS:

@@ -100,7 +100,7 @@ class Diagnostics:
 
     def _reason_of_no_sample(self) -> str:
         counts = self._feedback.counts - self._last_counts
-        received, missing = self._odom.unused_names, self._feedback.waits_for
+        received, missing = self._odom.unused_names, self._feedback.missing_wheels
         publishers = _names(
             self._node.get_publishers_info_by_topic(self._odom.joint_states_topic)) or 'nobody'
         if not received and not counts:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from time import monotonic
 
 from diffdrive_ros.core.cdr import (
-    BEFORE_ITS_END,
-    END_OF_TIME_NS,
     JointStateReader,
     OdometryWriter,
+    STAMP_END_NS,
+    STAMP_RULE,
     TransformWriter,
     WireError,
 )
@@ -137,9 +137,9 @@ class OdomPublisher:
 
     def has_stamp(self, clock_ns: int) -> bool:
         """Return whether the clock is in the range of timestamps; warn if it is not."""
-        if clock_ns < END_OF_TIME_NS:
+        if clock_ns < STAMP_END_NS:
             return True
-        self._reject(f'the clock is at {clock_ns * 1e-9:.0f} s: {BEFORE_ITS_END}')
+        self._reject(f'the clock is at {clock_ns * 1e-9:.0f} s: {STAMP_RULE}')
         return False
 
     def _reject(self, warning: str) -> None:

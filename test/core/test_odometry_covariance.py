@@ -8,7 +8,7 @@ from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import (
     GeometryUncertainty,
     integrate,
-    LEAST_POSE_VARIANCE,
+    MIN_POSE_VARIANCE,
     Odometry,
     WheelNoise,
 )
@@ -31,7 +31,7 @@ from test_odometry import (
 KNOWN = GeometryUncertainty(
     wheel_separation=2.3e-3, left_wheel_radius=1.1e-4, right_wheel_radius=3.7e-4)
 NO_NOISE = WheelNoise(0.0, 0.0, 0.0)
-LEAST = LEAST_POSE_VARIANCE * np.eye(3)
+MIN_COVARIANCE = MIN_POSE_VARIANCE * np.eye(3)
 HEADING_AND_PLACE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.05]])
 
 few_steps = st.lists(
@@ -92,7 +92,7 @@ def test_a_spin_is_wrong_by_the_share_that_the_separation_is():
 def test_the_systematic_part_does_not_depend_on_how_often_an_arc_is_sampled(drive, turn, steps):
     once, often = (
         driven(uncertain(drive), np.diff(on_a_circle(drive, turn, number)).T).pose_covariance
-        - LEAST for number in (1, steps))
+        - MIN_COVARIANCE for number in (1, steps))
     same(often, once, rtol=1e-7, atol=1e-9 * np.abs(once).max() + 1e-9)
 
 
@@ -100,7 +100,7 @@ def test_the_systematic_part_grows_with_the_square_of_the_path_and_noise_with_th
     step = 0.05 / 0.0471, 0.05 / 0.0533
 
     def headings(make):
-        return [driven(make(), [step] * steps).pose_covariance[2, 2] - LEAST_POSE_VARIANCE
+        return [driven(make(), [step] * steps).pose_covariance[2, 2] - MIN_POSE_VARIANCE
                 for steps in (100, 200, 400)]
 
     systematic, noise = headings(uncertain), headings(lambda: Odometry(ROBOT, noise=NOISE))
@@ -232,8 +232,8 @@ def test_after_a_reset_the_geometry_counts_anew(drive, before, after, pose):
 def test_a_reset_that_claims_to_know_it_all_gets_the_least_variance(covariance):
     odometry = Odometry(ROBOT)
     odometry.reset([1.0, 2.0, 3.0], covariance)
-    same(odometry.pose_covariance, covariance, rtol=0.0, atol=1.001 * LEAST_POSE_VARIANCE)
-    assert np.linalg.eigvalsh(odometry.pose_covariance).min() > 0.9 * LEAST_POSE_VARIANCE
+    same(odometry.pose_covariance, covariance, rtol=0.0, atol=1.001 * MIN_POSE_VARIANCE)
+    assert np.linalg.eigvalsh(odometry.pose_covariance).min() > 0.9 * MIN_POSE_VARIANCE
 
 
 def test_a_covariance_of_any_size_may_be_off_by_rounding():
