@@ -70,21 +70,21 @@ class DamagedDrive(RuleBasedStateMachine):
 
     @rule(step=steps)
     def valid_sample(self, step: tuple[float, float]) -> None:
-        """Wraparounds in both directions are included."""
+        """Include wraparounds in both directions."""
         self.move(step)
         self.check(self.send())
 
     @precondition(lambda self: self.now - self.last < 6 * DT)
     @rule(step=steps, side=sides, value=st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
     def not_finite_value(self, step: tuple[float, float], side: int, value: float) -> None:
-        """The message is dropped; the next one contains the motion."""
+        """Drop the message; the next one contains the motion."""
         self.move(step)
         assert self.send({side: value}) is None
 
     @rule(step=steps, after=steps, side=sides, jump=jumps)
     def glitch(self, step: tuple[float, float], after: tuple[float, float], side: int,
                jump: float) -> None:
-        """One implausible position: no motion is lost."""
+        """Send one implausible position: no motion is lost."""
         self.move(step)
         assert self.send({side: self.counter[side] + jump}) is None
         assert 'max_plausible_wheel_speed' in self.feedback.warning
@@ -94,7 +94,7 @@ class DamagedDrive(RuleBasedStateMachine):
     @rule(step=steps, after=steps, jump=st.tuples(jumps, jumps))
     def encoder_reset(self, step: tuple[float, float], after: tuple[float, float],
                       jump: tuple[float, float]) -> None:
-        """The new values stay: only the step of the reset is lost."""
+        """Lose only the step of the reset: the new values stay."""
         self.move(step)
         self.lose(jump)
         assert self.send() is None
@@ -103,12 +103,12 @@ class DamagedDrive(RuleBasedStateMachine):
 
     @rule(age=st.integers(0, SECOND - 1), spoiled=st.floats(-9.0, 9.0))
     def out_of_order_stamp(self, age: int, spoiled: float) -> None:
-        """Duplicates and out-of-order messages are dropped."""
+        """Drop duplicates and out-of-order messages."""
         assert self.send({0: spoiled}, stamp=self.last - age) is None
 
     @rule(step=steps, age=st.integers(2 * SECOND, 10**12), spoiled=st.floats(-9.0, 9.0))
     def late_message(self, step: tuple[float, float], age: int, spoiled: float) -> None:
-        """A single late message is no time reset."""
+        """Drop a single late message: it is no time reset."""
         assert self.send({0: spoiled}, stamp=self.last - age) is None
         self.move(step)
         self.check(self.send())
@@ -116,7 +116,7 @@ class DamagedDrive(RuleBasedStateMachine):
     @rule(back=st.integers(2 * SECOND, 10**12), after=steps, jump=st.tuples(jumps, jumps))
     def time_reset(self, back: int, after: tuple[float, float],
                    jump: tuple[float, float]) -> None:
-        """A bag loops, or a simulation restarts; the encoders jump too."""
+        """Loop a bag, or restart a simulation; the encoders jump too."""
         self.now -= back
         self.lose(jump)
         assert self.send() is None
@@ -126,7 +126,7 @@ class DamagedDrive(RuleBasedStateMachine):
 
     @rule(step=steps, first=sides)
     def separate_messages(self, step: tuple[float, float], first: int) -> None:
-        """One message a wheel: the second completes the sample."""
+        """Send one message a wheel: the second completes the sample."""
         self.move(step)
         assert self.send(names=[NAMES[first]], stamp=self.now - 1) is None
         assert self.feedback.missing_wheels == [NAMES[1 - first]]
@@ -134,13 +134,13 @@ class DamagedDrive(RuleBasedStateMachine):
 
     @rule(step=steps)
     def messages_without_wheels(self, step: tuple[float, float]) -> None:
-        """Messages of other joints and empty messages are ignored."""
+        """Ignore messages of other joints and empty messages."""
         assert self.send(names=['arm', 'hand']) is None
         assert self.send(names=[]) is None
 
     @rule(step=steps, seconds=st.integers(1, 100))
     def gap(self, step: tuple[float, float], seconds: int) -> None:
-        """The next sample contains the motion of the gap."""
+        """Leave a gap: the next sample contains its motion."""
         self.now += seconds * SECOND
         self.move(step)
         self.check(self.send())
