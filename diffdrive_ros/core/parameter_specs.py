@@ -1,9 +1,9 @@
 """
-The parameters of the nodes: name, type, default, unit, rule, and whether each is live.
+Parameters of the nodes: name, type, default, unit, rule, and whether each is live.
 
-The nodes declare them, the tools read parameter files by them, and the documents list them from
-here. Names and meaning are diff_drive_controller's where it has one, of its releases 4 to 6. A
-double that is not set is .nan, as there.
+The nodes declare them, the tools validate parameter files by them, and the documents list them.
+Names and meanings are those of diff_drive_controller, releases 4 to 6, where it has the parameter.
+A double that is not set is .nan, as there.
 """
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,10 +25,10 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True)
 class Rule:
-    """What a value has to be, as text and as a predicate."""
+    """The condition of a valid value, as text and as a predicate."""
 
     text: str
-    holds: Callable[[Any], bool]
+    is_met: Callable[[Any], bool]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ParameterSpec:
     """
     One parameter; its type is that of its default.
 
-    unit is '' for what has none; live: may be set at run time.
+    unit is '' if it has none. A live parameter may be set at run time.
     """
 
     name: str
@@ -47,10 +47,10 @@ class ParameterSpec:
     live: bool = False
 
     def check(self, value: object) -> None:
-        """Raise ParameterError unless the value is of the type and keeps the rule."""
+        """Raise ParameterError unless the value has the type and meets the rule."""
         if not self._is_of_type(value):
             raise ParameterError(self.name, repr(value), f'must be {self.type_name}')
-        if not self.rule.holds(value):
+        if not self.rule.is_met(value):
             raise ParameterError(self.name, repr(value), self.rule.text)
 
     def converted(self, value: object) -> object:
@@ -89,7 +89,7 @@ def checked_values(specs: Sequence[ParameterSpec], given: Values) -> dict[str, A
 
 
 def missing_geometry(given: Values) -> ParameterSpec | None:
-    """Return the first parameter without which a geometry is given by half, or None."""
+    """Return the first missing parameter of an incomplete geometry, or None."""
     needed = ['wheel_separation', 'wheel_radius']
     if given.keys() & {'left_wheel_names', 'right_wheel_names'}:
         needed += ['left_wheel_names', 'right_wheel_names']
@@ -99,7 +99,7 @@ def missing_geometry(given: Values) -> ParameterSpec | None:
 
 def nearest_name(name: str, known: Iterable[str], cutoff: float = 0.0) -> str:
     """Return the known name most similar to a name, '' if none reaches the cutoff."""
-    import difflib  # here, since most starts of a node do without its memory
+    import difflib  # here, to save its memory in most starts of a node
 
     return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=cutoff)), '')
 
@@ -132,12 +132,12 @@ _DIAGONAL = Rule(
 GEOMETRY = (
     ParameterSpec(
         'left_wheel_names', ['left_wheel_joint'], '',
-        'Joints of the left wheels. A name that the driver does not use: no odometry at all.',
+        'Joints of the left wheels. A name that the driver does not use: no odometry.',
         _JOINT_NAMES),
     ParameterSpec(
         'right_wheel_names', ['right_wheel_joint'], '',
-        'Joints of the right wheels, as many as left ones. Swapped with the left ones, every turn '
-        'goes the wrong way.', _JOINT_NAMES),
+        'Joints of the right wheels, as many as left ones. Swapped with the left ones: every turn '
+        'has the wrong direction.', _JOINT_NAMES),
     ParameterSpec(
         'wheel_separation', 0.160, 'm',
         'FULL distance between the left and right contact points. Too large: the robot turns '
@@ -169,17 +169,17 @@ _NOISE = WheelNoise()  # of a small indoor robot
 
 
 def _limits(axis: str, unit: str) -> tuple[ParameterSpec, ...]:
-    """Return the limits of an axis; what signs they have is AxisLimits' rule."""
+    """Return the limits of an axis; AxisLimits validates their signs."""
     limits = {
-        'max_velocity': (f'{unit}/s', 'Fastest forward or counter-clockwise.'),
-        'min_velocity': (f'{unit}/s', 'Fastest backward or clockwise, negative.'),
-        'max_acceleration': (f'{unit}/s^2', 'Speeding up forward.'),
+        'max_velocity': (f'{unit}/s', 'Maximum speed forward or counter-clockwise.'),
+        'min_velocity': (f'{unit}/s', 'Maximum speed backward or clockwise, negative.'),
+        'max_acceleration': (f'{unit}/s^2', 'Maximum acceleration forward.'),
         'max_deceleration': (
-            f'{unit}/s^2', 'Slowing down from forward, negative. Too small: stops take long.'),
-        'max_acceleration_reverse': (f'{unit}/s^2', 'Speeding up backward, negative.'),
-        'max_deceleration_reverse': (f'{unit}/s^2', 'Slowing down from backward.'),
-        'max_jerk': (f'{unit}/s^3', 'Change of acceleration. Never delays a stop.'),
-        'min_jerk': (f'{unit}/s^3', 'The same downward, negative.'),
+            f'{unit}/s^2', 'Maximum deceleration forward, negative. Too small: long stops.'),
+        'max_acceleration_reverse': (f'{unit}/s^2', 'Maximum acceleration backward, negative.'),
+        'max_deceleration_reverse': (f'{unit}/s^2', 'Maximum deceleration backward.'),
+        'max_jerk': (f'{unit}/s^3', 'Maximum change of acceleration. Never delays a stop.'),
+        'min_jerk': (f'{unit}/s^3', 'Minimum change of acceleration, negative.'),
     }
     return (
         *(ParameterSpec(f'{axis}.{name}', math.nan, unit, text, live=True)
@@ -198,44 +198,43 @@ ODOMETRY = (
         'right_wheel_direction', 1, '',
         '-1: the right joints turn backward when the robot drives forward.', _DIRECTION),
     ParameterSpec(
-        'odom_frame_id', 'odom', '', 'Frame in which odometry gives the pose.', _NOT_EMPTY),
+        'odom_frame_id', 'odom', '', 'Frame of the pose.', _NOT_EMPTY),
     ParameterSpec(
         'base_frame_id', 'base_link', '', 'Frame between the wheels, x forward.', _NOT_EMPTY),
     ParameterSpec(
         'tf_frame_prefix', '', '',
-        'Put before both frames, with a slash; ~ is the namespace of the node.'),
-    ParameterSpec('tf_frame_prefix_enable', True, '', 'false: tf_frame_prefix is not used.'),
+        'Prefix of both frames, separated by a slash; ~ is the namespace of the node.'),
+    ParameterSpec('tf_frame_prefix_enable', True, '', 'false: tf_frame_prefix has no effect.'),
     ParameterSpec(
         'enable_odom_tf', True, '',
-        'Publish the transform from odom to base on /tf. Turn it off where a filter publishes '
-        'it: two sources make the robot jump.'),
+        'Publish the transform from odom to base on /tf. Set to false if a filter publishes it: '
+        'with two publishers the robot jumps.'),
     ParameterSpec(
         'publish_rate', 0.0, 'Hz',
-        'Rate to which odom and its transform are thinned out, by stamp; 0: one for each '
-        'joint_states.', _RATE_OR_NONE),
+        'Maximum rate of odom and its transform, by stamp; 0: one for each joint_states.',
+        _RATE_OR_NONE),
     ParameterSpec(
         'position_feedback', True, '',
         'Use the positions of joint_states; false: integrate their velocities.'),
     ParameterSpec(
         'open_loop', False, '',
-        'Integrate the commands as applied, for a robot without encoders; joint_states is not '
-        'used.'),
+        'Integrate the applied commands, for a robot without encoders; joint_states is ignored.'),
     ParameterSpec(
         'encoder_wrap', math.nan, 'rad',
-        'Range after which the position of a joint starts anew, such as 2 pi. .nan: it never '
-        'does.', _POSITIVE_OR_NAN),
+        'Range of an encoder that wraps around, such as 2 pi. .nan: no wraparound.',
+        _POSITIVE_OR_NAN),
     ParameterSpec(
         'max_plausible_wheel_speed', math.nan, 'rad/s',
-        'A wheel that seems to turn faster is held back until its next sample: a glitch, or a '
-        'counter that was reset. .nan: everything is accepted.', _POSITIVE_OR_NAN),
+        'Speed above which a step is a glitch or an encoder reset; the next sample decides. Too '
+        'small: no odometry at high speed. .nan: every step is accepted.', _POSITIVE_OR_NAN),
     ParameterSpec(
         'feedback_timeout', 0.0, 's',
-        'The wheels are stopped when joint_states fall silent for this long; 0: they are not.',
+        'Time without joint_states after which the wheels are stopped; 0: never.',
         _NOT_NEGATIVE, live=True),
     ParameterSpec(
         'velocity_rolling_window_size', 10, '',
-        'Samples over which the twist is measured. Too many: it lags; too few: it shows the '
-        'steps of the encoders.', _WINDOW),
+        'Number of samples in the mean twist. Too many: the twist lags; too few: encoder ticks '
+        'are visible.', _WINDOW),
     ParameterSpec(
         'left_wheel_travel_variance', _NOISE.left_travel, 'm^2/m',
         "Variance of the left wheel's travel over the floor per metre driven. Too small: filters "
@@ -245,38 +244,38 @@ ODOMETRY = (
         "Variance of the right wheel's travel over the floor per metre driven.", _NOT_NEGATIVE),
     ParameterSpec(
         'turn_variance', _NOISE.turn, 'rad^2/rad',
-        'Variance of the heading per radian turned, from wheels that scrub.', _NOT_NEGATIVE),
+        'Variance of the heading per radian turned, from tyre scrub.', _NOT_NEGATIVE),
     *(ParameterSpec(
         f'{name}_std', 0.0, 'm',
-        f'How well {name} is known: its standard deviation, such as {example} if it was measured '
-        'by hand; 0: exactly.', _NOT_NEGATIVE)
+        f'Standard deviation of {name}, such as {example} if it was measured by hand; 0: exact.',
+ _NOT_NEGATIVE)
       for name, example in (('wheel_separation', '0.002'), ('left_wheel_radius', '0.0001'),
                             ('right_wheel_radius', '0.0001'))),
     ParameterSpec(
         'pose_covariance_diagonal', [0.0] * 6, 'm^2, rad^2',
-        'Variances of x, y, z, roll, pitch, yaw in place of the propagated covariance; all zero: '
+        'Variances of x, y, z, roll, pitch, yaw that replace the propagated covariance; all zero: '
         'not set.', _DIAGONAL),
     ParameterSpec(
         'twist_covariance_diagonal', [0.0] * 6, 'm^2/s^2, rad^2/s^2',
-        'The same of the twist; all zero: not set.', _DIAGONAL),
+        'Variances that replace the covariance of the twist; all zero: not set.', _DIAGONAL),
     ParameterSpec(
         'cmd_vel_timeout', 0.5, 's',
-        'The wheels are stopped when no command has come for this long; 0 never stops them.',
+        'Time without a command after which the wheels are stopped; 0: never.',
         _NOT_NEGATIVE, live=True),
-    ParameterSpec('command_rate', 50.0, 'Hz', 'Rate at which wheel commands go out.', _RATE),
+    ParameterSpec('command_rate', 50.0, 'Hz', 'Rate of wheel commands.', _RATE),
     ParameterSpec(
         'max_wheel_speed', math.nan, 'rad/s',
-        'Fastest that a wheel can turn; a faster command is slowed down as a whole, so that the '
-        'curve stays. .nan: no limit, and a wheel that cannot follow bends it.',
+        'Maximum speed of a wheel; a faster command is scaled, so that the curvature stays. Too '
+        'large, or .nan (no limit): a saturated wheel changes the curvature.',
         _POSITIVE_OR_NAN, live=True),
     *_limits('linear.x', 'm'),
     *_limits('angular.z', 'rad'),
     _WHEEL_COMMAND_TYPE,
     ParameterSpec(
         'enable_stamped_cmd_vel', False, '',
-        'Commands come as TwistStamped; false: as Twist. The other type is not received.'),
+        'Receive commands as TwistStamped; false: Twist. The other type is not received.'),
     ParameterSpec(
-        'publish_limited_velocity', False, '', 'Publish the twist as applied on ~/cmd_vel_out.'),
+        'publish_limited_velocity', False, '', 'Publish the applied twist on ~/cmd_vel_out.'),
 )
 
 SIMULATOR = (
@@ -284,37 +283,37 @@ SIMULATOR = (
     ParameterSpec('publish_rate', 50.0, 'Hz', 'Rate of joint_states and ground_truth.', _RATE),
     ParameterSpec(
         'motor_time_constant', 0.05, 's',
-        'After this long a wheel has done 63 % of a change of speed.', _NOT_NEGATIVE),
+        'Time to 63 % of a change of wheel speed.', _NOT_NEGATIVE),
     ParameterSpec(
-        'ticks_per_revolution', 4096, '', 'Steps of the encoder per turn of the wheel; 0: none.',
+        'ticks_per_revolution', 4096, '', 'Encoder ticks per turn of the wheel; 0: infinite.',
         _NOT_NEGATIVE),
     ParameterSpec(
-        'slip', 0.0, '', 'Share of their travel that both wheels lose on the floor.', _SHARE),
+        'slip', 0.0, '', 'Fraction of their travel that both wheels lose on the floor.', _SHARE),
     ParameterSpec(
         'travel_noise', 0.0, 'm/sqrt(m)',
         "Standard deviation of a wheel's travel over the floor after one metre.", _NOT_NEGATIVE),
     ParameterSpec(
-        'seed', 0, '', 'Of the noise: the same seed gives the same robot.', _NOT_NEGATIVE),
+        'seed', 0, '', 'Seed of the noise; the same seed gives the same noise.', _NOT_NEGATIVE),
     ParameterSpec(
         'command_timeout', 0.5, 's',
-        'The motors stop when no wheel command has come for this long.', _POSITIVE),
+        'Time without a wheel command after which the motors stop.', _POSITIVE),
     ParameterSpec(
         'swap_wheels', False, '',
-        'Left and right are swapped, motors and encoders, as by a builder in a hurry.',
+        'Swap left and right, motors and encoders, as a wiring error does.',
         live=True),
     ParameterSpec('odom_frame_id', 'odom', '', 'Frame of the true pose.', _NOT_EMPTY),
     ParameterSpec('base_frame_id', 'base_link', '', 'Frame between the wheels.', _NOT_EMPTY),
     _WHEEL_COMMAND_TYPE,
 )
 
-# Names that diff_drive_controller once had, and what replaces them here.
+# Former names of diff_drive_controller, and their replacements here.
 RETIRED = {
     'use_stamped_vel': 'commands are Twist; enable_stamped_cmd_vel is for TwistStamped',
     'wheels_per_side': 'the lists of wheel names give the number of wheels',
-    'allow_multiple_cmd_vel_publishers': 'the newest command counts, whoever sent it',
+    'allow_multiple_cmd_vel_publishers': 'the newest command is applied, whatever its publisher',
     'linear.x.min_acceleration': 'without effect, as there; set linear.x.max_deceleration',
     'angular.z.min_acceleration': 'without effect, as there; set angular.z.max_deceleration',
 }
 
-# Keys of such a file that are for its controller manager, and those of every node.
+# Keys of such a file for its controller manager, and of every node.
 NOT_OURS = ('type', 'update_rate', 'use_sim_time', 'start_type_description')

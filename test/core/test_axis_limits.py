@@ -76,7 +76,7 @@ def mirrored(limits):
     (-1.0, 0.0, 0.03125, [-0.6875, -0.375, -0.0625, 0.0, 0.0]),
     (-1.0, -0.5, 0.03125, [-0.6875, -0.5, -0.5]),
 ])
-def test_each_direction_speeds_up_and_slows_down_by_its_own_rate(last, target, dt, expected):
+def test_each_direction_has_its_own_rates(last, target, dt, expected):
     assert drive(AxisLimits(**FOUR_RATES), [target] * len(expected), dt, last) == expected
 
 
@@ -98,11 +98,11 @@ def test_each_direction_speeds_up_and_slows_down_by_its_own_rate(last, target, d
     ({}, 10.0, 0.0, 10.0),
     ({}, -10.0, 3.0, -10.0),
 ])
-def test_half_a_second_gives_the_speeds_of_control_toolbox(settings, target, last, expected):
+def test_speeds_after_half_a_second_are_control_toolboxs(settings, target, last, expected):
     assert AxisLimits(**settings).step(target, last, last, 0.5) == expected
 
 
-def test_a_change_of_direction_slows_down_first_and_then_speeds_up_by_the_other_rate():
+def test_reversal_decelerates_then_accelerates_by_the_other_rate():
     # 4 m/s^2 stop 0.25 m/s in 62.5 ms; the other 62.5 ms are for 8 m/s^2.
     limits = AxisLimits(**FOUR_RATES)
     assert limits.step(-2.0, 0.25, 0.25, 0.125) == -0.5
@@ -111,12 +111,12 @@ def test_a_change_of_direction_slows_down_first_and_then_speeds_up_by_the_other_
     assert drive(limits, [-0.75] * 4, 0.125, 1.0) == [0.5, 0.0, -0.75, -0.75]
 
 
-def test_a_direction_that_may_not_speed_up_is_not_entered():
+def test_direction_with_acceleration_zero_is_not_entered():
     limits = AxisLimits(max_acceleration=2.0, max_acceleration_reverse=0.0, max_deceleration=-4.0)
     assert drive(limits, [-1.0] * 3, 0.125, 0.75) == [0.25, 0.0, 0.0]
 
 
-def test_a_constant_jerk_gives_a_speed_that_grows_with_the_square_of_time():
+def test_constant_jerk_gives_speed_quadratic_in_time():
     limits = AxisLimits(max_jerk=0.5, min_jerk=-1.0)
     triangular = [0.0, 1.0, 3.0, 6.0, 10.0, 15.0, 21.0]  # of jerk dt^2 = 1/8
     assert drive(limits, [9.0] * 6, 0.5) == [number / 8.0 for number in triangular[1:]]
@@ -126,26 +126,26 @@ def test_a_constant_jerk_gives_a_speed_that_grows_with_the_square_of_time():
     assert slower == [9.0 - number / 4.0 for number in triangular[1:6]] + [3.75]
 
 
-def test_jerk_limits_let_the_acceleration_fall_at_once():
+def test_jerk_limits_do_not_delay_the_end_of_acceleration():
     limits = AxisLimits(max_jerk=0.5)
     assert limits.step(1.1, 1.0, 0.5, 0.5) == 1.1
     assert limits.step(0.9, 1.0, 1.5, 0.5) == 0.9
 
 
-def test_jerk_limits_preserve_the_momentum_of_a_changed_mind():
+def test_jerk_limits_preserve_momentum_after_a_new_target():
     # Slowing down by 0.5 a period when something higher is asked for, and it may change by 1/8.
     limits = AxisLimits(max_jerk=0.5)
     assert drive(limits, [3.0] * 5, 0.5, 2.0, 2.5) == [1.625, 1.375, 1.25, 1.25, 1.375]
 
 
-def test_a_robot_that_is_asked_to_be_slower_gets_no_faster_by_its_momentum():
+def test_momentum_does_not_accelerate_to_a_slower_target():
     # Speeding up by 0.5 a period when something lower is asked for.
     limits = AxisLimits(max_jerk=0.5)
     assert drive(limits, [0.25] * 4, 0.5, 1.0, 0.5) == [1.0, 0.875, 0.625, 0.25]
     assert drive(limits, [1e-9] * 4, 0.5, -1.0, -0.5) == [-1.0, -0.875, -0.625, -0.25]
 
 
-def test_momentum_does_not_carry_past_zero_away_from_the_target():
+def test_momentum_does_not_carry_past_zero():
     limits = AxisLimits(max_jerk=0.5)
     assert drive(limits, [2.0] * 3, 0.5, 0.25, 1.0) == [0.0, 0.0, 0.125]
     assert drive(limits, [-2.0] * 3, 0.5, -0.25, -1.0) == [0.0, 0.0, -0.125]
@@ -168,13 +168,13 @@ def test_momentum_does_not_carry_past_zero_away_from_the_target():
         'max_acceleration_reverse': -2.0, 'max_deceleration': -2.0}),
 ])
 @given(speeds, speeds, speeds, periods)
-def test_a_limit_not_set_takes_the_value_of_another(
+def test_unset_limit_has_the_value_of_its_counterpart(
         settings, same_as, target, last, before_last, dt):
     partly, fully = AxisLimits(**settings), AxisLimits(**settings, **same_as)
     assert partly.step(target, last, before_last, dt) == fully.step(target, last, before_last, dt)
 
 
-def test_deceleration_not_set_is_the_acceleration_of_the_other_direction():
+def test_unset_deceleration_is_the_opposite_acceleration():
     limits = AxisLimits(max_acceleration=2.0, max_acceleration_reverse=-8.0)
     assert limits.step(0.0, 3.0, 3.0, 0.125) == 2.0
     assert limits.step(0.0, -3.0, -3.0, 0.125) == -2.75
@@ -186,7 +186,7 @@ def test_deceleration_not_set_is_the_acceleration_of_the_other_direction():
     ('max_jerk', ['min_jerk']),
 ])
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_without_its_maximum_a_family_is_off_and_says_so(
+def test_family_without_maximum_is_off_and_reported(
         maximum, others, limits, target, last, before_last, dt):
     settings = {name: getattr(limits, name) for name in NAMES} | {maximum: NAN}
     off = AxisLimits(**settings)
@@ -197,7 +197,7 @@ def test_without_its_maximum_a_family_is_off_and_says_so(
     assert not set(bare.without_effect) & set(others)
 
 
-def test_limits_without_effect_are_named_in_the_order_of_the_parameters():
+def test_limits_without_effect_have_the_order_of_parameters():
     assert AxisLimits().without_effect == ()
     minima = AxisLimits(
         min_jerk=0.0, max_deceleration=-4.0, max_acceleration_reverse=-8.0,
@@ -211,18 +211,18 @@ def test_limits_without_effect_are_named_in_the_order_of_the_parameters():
 @pytest.mark.parametrize('limits', [
     AxisLimits(), AxisLimits(**{name: -INF if name in NOT_POSITIVE else INF for name in NAMES})])
 @given(finite, finite, finite, st.floats(1e-300, 1e300))
-def test_without_limits_and_with_infinite_ones_the_target_is_applied(
+def test_target_is_applied_without_finite_limits(
         limits, target, last, before_last, dt):
     assert limits.step(target, last, before_last, dt) == target
 
 
 @pytest.mark.parametrize('name', ['max_velocity', 'max_acceleration', 'max_jerk'])
-def test_zero_is_a_limit(name):
+def test_limit_of_zero_is_a_limit(name):
     limits = AxisLimits(**{name: 0.0})
     assert drive(limits, [1.0, 1.0, -1.0, -1.0], 0.5) == [0.0] * 4
 
 
-def test_a_deceleration_of_zero_holds_the_speed_for_all_but_a_stop():
+def test_deceleration_of_zero_keeps_the_speed_except_at_a_stop():
     limits = AxisLimits(max_acceleration=2.0, max_deceleration=-0.0, max_deceleration_reverse=0.0)
     assert drive(limits, [0.5, -1.0, 0.0], 0.125, 1.0) == [1.0, 1.0, 0.0]
     assert drive(limits, [-0.5, 1.0, 0.0], 0.125, -1.0) == [-1.0, -1.0, 0.0]
@@ -232,14 +232,14 @@ def test_a_deceleration_of_zero_holds_the_speed_for_all_but_a_stop():
 
 # Stops
 
-def test_a_stop_takes_no_notice_of_jerk_limits():
+def test_stop_ignores_jerk_limits():
     limits = AxisLimits(**FOUR_RATES, max_jerk=0.01)
     assert drive(limits, [0.0] * 4, 0.0625, 0.75, 0.5) == [0.5, 0.25, 0.0, 0.0]
     assert drive(limits, [-0.0] * 4, 0.03125, -0.75, 0.5) == [-0.4375, -0.125, 0.0, 0.0]
     assert AxisLimits(max_jerk=0.01).step(0.0, 1.0, 0.5, 0.02) == 0.0
 
 
-def test_a_target_that_the_velocity_limits_make_zero_is_a_stop():
+def test_target_clipped_to_zero_is_a_stop():
     limits = AxisLimits(max_velocity=1.0, min_velocity=0.0, max_acceleration=2.0, max_jerk=0.01)
     assert drive(limits, [-1.0] * 4, 0.125, 0.625, 0.375) == [0.375, 0.125, 0.0, 0.0]
 
@@ -248,7 +248,7 @@ def test_a_target_that_the_velocity_limits_make_zero_is_a_stop():
 @example(AxisLimits(max_jerk=0.5), 0.25, 1.0, 0.5)
 @example(AxisLimits(max_jerk=0.5), 0.0, 1.0, 0.5)
 @example(AxisLimits(max_velocity=1.0, max_acceleration=0.0), 2.0, 2.0, 0.02)
-def test_a_stop_comes_down_to_zero_without_turning_back(limits, last, before_last, dt):
+def test_stop_approaches_zero_monotonically(limits, last, before_last, dt):
     for now in drive(limits, [0.0] * 10, dt, last, before_last):
         assert abs(now) <= abs(last)
         assert now == 0.0 or (now > 0.0) == (last > 0.0)
@@ -256,7 +256,7 @@ def test_a_stop_comes_down_to_zero_without_turning_back(limits, last, before_las
 
 
 @given(any_limits, speeds, speeds, periods)
-def test_a_stop_takes_no_longer_than_its_deceleration_says(limits, last, before_last, dt):
+def test_stop_lasts_no_longer_than_its_deceleration(limits, last, before_last, dt):
     if math.isnan(limits.max_acceleration):
         rate = INF
     elif last < 0.0:
@@ -274,7 +274,7 @@ def test_a_stop_takes_no_longer_than_its_deceleration_says(limits, last, before_
 # Limits lowered while the robot drives
 
 @pytest.mark.parametrize('target', [1.0, 5.0, INF])
-def test_a_speed_beyond_lowered_limits_comes_down_by_the_deceleration_limit(target):
+def test_speed_beyond_lowered_limits_decelerates_by_the_limit(target):
     target = min(target, sys.float_info.max)
     limits = AxisLimits(
         **FOUR_RATES, max_velocity=1.0, min_velocity=-0.5, max_jerk=0.01)
@@ -283,13 +283,13 @@ def test_a_speed_beyond_lowered_limits_comes_down_by_the_deceleration_limit(targ
 
 
 @pytest.mark.parametrize('settings', [{}, {'max_acceleration': 2.0, 'max_deceleration': 0.0}])
-def test_without_a_deceleration_to_obey_it_is_at_the_limit_at_once(settings):
+def test_speed_beyond_limits_without_deceleration_is_clipped(settings):
     limits = AxisLimits(**settings, max_velocity=1.0)
     assert drive(limits, [5.0, 5.0, 0.0], 0.125, 2.0) == [1.0, 1.0, 0.0]
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_beyond_the_velocity_limits_speeds_only_come_closer(
+def test_speed_beyond_velocity_limits_only_approaches_them(
         limits, target, last, before_last, dt):
     low, high = velocities(limits)
     for now in drive(limits, [target] * 10, dt, last, before_last):
@@ -312,12 +312,12 @@ def test_beyond_the_velocity_limits_speeds_only_come_closer(
 @example(AxisLimits(max_acceleration=INF, max_deceleration=-1.0), -1.0, 0.1, 0.1, 0.1)
 @example(AxisLimits(NAN, NAN, 1.0, -5.7, -INF), -1.0, 0.399, 0.399, 0.07)
 @example(AxisLimits(max_velocity=INF, max_jerk=1.0), 1.0, 1.7e308, 1e308, 0.02)
-def test_finite_numbers_give_a_finite_speed(limits, target, last, before_last, dt):
+def test_step_of_finite_numbers_is_finite(limits, target, last, before_last, dt):
     assert math.isfinite(limits.step(target, last, before_last, dt))
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_a_speed_within_the_velocity_limits_stays_there(limits, target, last, before_last, dt):
+def test_speed_within_velocity_limits_stays_within(limits, target, last, before_last, dt):
     low, high = velocities(limits)
     last = min(max(last, low), high)
     for now in drive(limits, [target] * 10, dt, last, before_last):
@@ -325,7 +325,7 @@ def test_a_speed_within_the_velocity_limits_stays_there(limits, target, last, be
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_the_target_is_never_passed(limits, target, last, before_last, dt):
+def test_target_is_never_overshot(limits, target, last, before_last, dt):
     low, high = velocities(limits)
     now = limits.step(target, last, before_last, dt)
     target = min(max(target, low), high)
@@ -336,7 +336,7 @@ def test_the_target_is_never_passed(limits, target, last, before_last, dt):
 
 
 @given(no_jerk_limits, speeds, speeds, speeds, periods)
-def test_without_jerk_limits_history_does_not_count_and_speeds_stay_between_last_and_target(
+def test_speed_without_jerk_limits_is_between_last_and_target(
         limits, target, last, before_last, dt):
     low, high = velocities(limits)
     now = limits.step(target, last, before_last, dt)
@@ -346,7 +346,7 @@ def test_without_jerk_limits_history_does_not_count_and_speeds_stay_between_last
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_the_robot_goes_no_way_that_it_neither_went_nor_was_asked_to_go(
+def test_direction_is_that_of_last_speed_or_target(
         limits, target, last, before_last, dt):
     now = limits.step(target, last, before_last, dt)
     if target >= 0.0 and last >= 0.0:
@@ -358,7 +358,7 @@ def test_the_robot_goes_no_way_that_it_neither_went_nor_was_asked_to_go(
 @given(
     st.lists(st.floats(0.01, 50.0), min_size=4, max_size=4), speeds, speeds, speeds, periods,
     st.sampled_from([NAN, 0.0, 0.5, 20.0]))
-def test_no_speed_is_reached_in_less_time_than_the_rates_need(
+def test_speed_is_not_reached_faster_than_by_the_rates(
         rates, target, last, before_last, dt, max_jerk):
     faster, slower, faster_reverse, slower_reverse = rates
     limits = AxisLimits(
@@ -377,7 +377,7 @@ def test_no_speed_is_reached_in_less_time_than_the_rates_need(
     st.lists(st.floats(0.5, 10.0), min_size=4, max_size=4),
     st.one_of(st.just(NAN), st.floats(2.0, 50.0)), st.one_of(st.just(NAN), st.floats(0.5, 2.0)),
     speeds, speeds, st.floats(0.02, 0.1))
-def test_every_target_within_the_velocity_limits_is_reached_and_kept(
+def test_target_within_velocity_limits_is_reached_and_kept(
         rates, max_jerk, max_velocity, target, last, dt):
     limits = AxisLimits(
         max_velocity, NAN, rates[0], -rates[1], -rates[2], rates[3], max_jerk, NAN)
@@ -388,7 +388,7 @@ def test_every_target_within_the_velocity_limits_is_reached_and_kept(
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_both_directions_follow_the_same_rules(limits, target, last, before_last, dt):
+def test_mirrored_limits_give_mirrored_speeds(limits, target, last, before_last, dt):
     if any(math.isnan(getattr(limits, name)) for name in NAMES):
         return  # what is not set takes its value from the forward direction
     there = mirrored(limits).step(-target, -last, -before_last, dt)
@@ -396,7 +396,7 @@ def test_both_directions_follow_the_same_rules(limits, target, last, before_last
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_zero_has_no_sign(limits, target, last, before_last, dt):
+def test_speed_of_zero_has_no_sign(limits, target, last, before_last, dt):
     now = limits.step(target, last, before_last, dt)
     assert now != 0.0 or math.copysign(1.0, now) == 1.0
 
@@ -437,7 +437,7 @@ def agree(limits, target, last, before_last, dt):
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_speeds_are_diff_drive_controllers_while_the_direction_stays(
+def test_speeds_are_diff_drive_controllers_without_reversal(
         limits, target, last, before_last, dt):
     low, high = velocities(limits)
     last, before_last = min(max(last, low), high), min(max(before_last, low), high)
@@ -450,7 +450,7 @@ def test_speeds_are_diff_drive_controllers_while_the_direction_stays(
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
-def test_speeds_are_diff_drive_controllers_through_zero_where_one_rate_serves_both_directions(
+def test_speeds_are_diff_drive_controllers_with_one_rate(
         limits, target, last, before_last, dt):
     rate = limits.max_acceleration
     limits = AxisLimits(limits.max_velocity, limits.min_velocity, rate)
@@ -464,11 +464,11 @@ def test_speeds_are_diff_drive_controllers_through_zero_where_one_rate_serves_bo
 
 @pytest.mark.parametrize('dt', [0.0, -0.0, -0.02, -1e300])
 @given(any_limits, speeds, speeds, speeds)
-def test_while_no_time_passes_the_speed_stays(dt, limits, target, last, before_last):
+def test_speed_stays_with_a_period_of_zero(dt, limits, target, last, before_last):
     assert limits.step(target, last, before_last, dt) == last
 
 
-def test_a_long_period_passes_neither_the_target_nor_the_velocity_limits():
+def test_long_period_overshoots_neither_target_nor_limits():
     limits = AxisLimits(**FOUR_RATES, **TOOLBOX_JERKS, **TOOLBOX_VELOCITIES)
     assert [limits.step(target, 0.25, 0.125, 1e300) for target in (9.0, 0.75, 0.0, -9.0)] == [
         1.0, 0.75, 0.0, -0.5]
@@ -477,7 +477,7 @@ def test_a_long_period_passes_neither_the_target_nor_the_velocity_limits():
 
 @pytest.mark.parametrize('value', [NAN, INF, -INF, None, '1', 10**400])
 @pytest.mark.parametrize('index', range(4))
-def test_speeds_and_periods_that_are_not_finite_are_refused_by_name(index, value):
+def test_not_finite_arguments_are_rejected_by_name(index, value):
     arguments = [1.0, 0.5, 0.25, 0.02]
     arguments[index] = value
     name = ['target', 'last', 'before_last', 'dt'][index]
@@ -487,7 +487,7 @@ def test_speeds_and_periods_that_are_not_finite_are_refused_by_name(index, value
 
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('size', [5e-324, 0.5, 1e308, INF])
-def test_a_limit_of_the_wrong_sign_is_refused_by_name(name, size):
+def test_limit_of_the_wrong_sign_is_rejected_by_name(name, size):
     sign, side = (1.0, 'less') if name in NOT_POSITIVE else (-1.0, 'more')
     message = f'{name} = {sign * size}: must be zero or {side}, or nan (not set)'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
@@ -498,12 +498,12 @@ def test_a_limit_of_the_wrong_sign_is_refused_by_name(name, size):
 
 
 @pytest.mark.parametrize('value', [None, '1', [1.0], 1j, 10**400])
-def test_a_limit_that_is_no_number_is_refused(value):
+def test_limit_that_is_no_number_is_rejected(value):
     with pytest.raises(ValueError, match=r'^max_jerk = .*: must be zero or more, or nan'):
         AxisLimits(max_jerk=value)
 
 
-def test_limits_cannot_be_half_changed():
+def test_limits_are_immutable():
     with pytest.raises(FrozenInstanceError):
         AxisLimits().max_jerk = 1.0
 

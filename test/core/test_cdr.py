@@ -76,7 +76,7 @@ def same(got: tuple, wanted: tuple) -> bool:
 
 
 @given(joint_states())
-def test_the_test_writes_what_rclpy_writes(message: JointState) -> None:
+def test_oracle_writes_what_rclpy_writes(message: JointState) -> None:
     """The oracle in either order is rclpy's in its own; bytes that only fill may be anything."""
     theirs = serialize_message(message)
     zeros, ones = payload(message), payload(message, fill=255)
@@ -87,7 +87,7 @@ def test_the_test_writes_what_rclpy_writes(message: JointState) -> None:
 
 
 @given(st.lists(joint_states(), min_size=1, max_size=12), st.data())
-def test_a_reading_is_what_rclpy_reads_whatever_was_read_before(
+def test_reading_equals_rclpy(
         messages: list[JointState], data: st.DataObject) -> None:
     """Layouts come and go, repeat, and change; either byte order, any bytes that only fill."""
     reader = JointStateReader(OURS)
@@ -102,13 +102,13 @@ def test_a_reading_is_what_rclpy_reads_whatever_was_read_before(
 
 
 @given(joint_states())
-def test_the_payload_of_rclpy_itself_is_read(message: JointState) -> None:
+def test_payload_of_rclpy_is_read(message: JointState) -> None:
     """With the undefined bytes that it leaves."""
     assert same(JointStateReader(OURS).read(serialize_message(message)), expected(message))
 
 
 @given(joint_states(), st.sampled_from('<>'), st.data())
-def test_a_payload_that_is_cut_off_is_refused(
+def test_truncated_payload_is_rejected(
         message: JointState, order: str, data: st.DataObject) -> None:
     """At any byte, also by a reader that knows the whole one; it still reads the whole one."""
     whole = payload(message, order)
@@ -121,7 +121,7 @@ def test_a_payload_that_is_cut_off_is_refused(
 
 
 @given(joint_states(), st.data())
-def test_any_bytes_are_read_or_refused(message: JointState, data: st.DataObject) -> None:
+def test_corrupt_bytes_are_read_or_rejected(message: JointState, data: st.DataObject) -> None:
     """What is read of a message with wrong bytes is what the bytes say, never more."""
     wrong = bytearray(payload(message))
     reader = JointStateReader(OURS)
@@ -136,7 +136,7 @@ def test_any_bytes_are_read_or_refused(message: JointState, data: st.DataObject)
     assert len(got[0]) == sum(name in OURS for name in got[4])
 
 
-def test_a_stamp_that_no_answer_can_have_is_refused() -> None:
+def test_stamp_out_of_range_is_rejected() -> None:
     """Its nanoseconds lead beyond the last second that there is."""
     message = JointState(name=['front_left'], position=[1.0])
     message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 10**9
@@ -144,14 +144,14 @@ def test_a_stamp_that_no_answer_can_have_is_refused() -> None:
         JointStateReader(OURS).read(payload(message))
 
 
-def test_a_text_without_its_zero_is_refused() -> None:
+def test_string_without_terminator_is_rejected() -> None:
     """Whatever its last character is, the name is another one."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
     with pytest.raises(WireError, match='without a zero: must end with one'):
         JointStateReader(OURS).read(whole.replace(b'left\0', b'leftX'))
 
 
-def test_lengths_that_lie_are_refused_with_where_they_would_lead() -> None:
+def test_counts_beyond_the_payload_are_rejected_with_offset() -> None:
     """A count of four thousand million takes neither time nor memory."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
     lying = whole.replace(struct.pack('<I', 11), struct.pack('<I', 2**32 - 1))
@@ -163,7 +163,7 @@ def test_lengths_that_lie_are_refused_with_where_they_would_lead() -> None:
 
 
 @pytest.mark.parametrize('preamble', [b'\0\2\0\0', b'\0\7\0\0', b'\1\1\0\0', b'PK\3\4'])
-def test_another_encoding_is_refused(preamble: bytes) -> None:
+def test_unsupported_encoding_is_rejected(preamble: bytes) -> None:
     """Parameter lists and version 2 are laid out differently."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
     reader = JointStateReader(OURS)
@@ -195,7 +195,7 @@ def rotation(theta: float) -> tuple[float, float]:
 
 
 @given(finite)
-def test_a_rotation_is_the_heading_and_its_w_is_never_negative(theta: float) -> None:
+def test_written_quaternion_has_w_not_negative(theta: float) -> None:
     """Each heading has two quaternions; of these one is taken, as by everybody."""
     estimate = (0.0, 0.0, theta), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
     message = deserialize_message(
@@ -232,7 +232,7 @@ def is_written(written: bytes, message: object) -> bool:
 
 
 @given(nanoseconds, frames, frames, estimates())
-def test_odometry_is_written_as_rclpy_writes_it(
+def test_odometry_equals_rclpy(
         stamp_ns: int, odom: str, base: str, estimate: tuple) -> None:
     """Read by rclpy, every field is what a message filled by hand has."""
     written = OdometryWriter(odom, base).write(stamp_ns, estimate)
@@ -240,7 +240,7 @@ def test_odometry_is_written_as_rclpy_writes_it(
 
 
 @given(nanoseconds, estimates())
-def test_odometry_is_equal_byte_for_byte_where_nothing_only_fills(
+def test_odometry_without_padding_equals_rclpy_byte_for_byte(
         stamp_ns: int, estimate: tuple) -> None:
     """With frames of three characters and of eleven, rclpy leaves no byte undefined."""
     written = OdometryWriter('map', 'robot1/base').write(stamp_ns, estimate)
@@ -248,7 +248,7 @@ def test_odometry_is_equal_byte_for_byte_where_nothing_only_fills(
     assert written == theirs[:len(written)]
 
 
-def test_the_diagonal_that_is_set_is_written() -> None:
+def test_given_diagonal_is_written() -> None:
     """Zeros stand for what is not known."""
     writer = OdometryWriter('odom', 'base', (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (0.0, 7.0, *[0.0] * 4))
     message = deserialize_message(
@@ -260,7 +260,7 @@ def test_the_diagonal_that_is_set_is_written() -> None:
 
 
 @given(st.tuples(*[st.floats(0.0, 1e150)] * 3), st.tuples(*[st.floats(-0.99, 0.99)] * 3))
-def test_no_variance_above_a_million_is_written_and_correlations_stay(
+def test_variances_are_capped_and_correlations_stay(
         deviations: tuple, tilts: tuple) -> None:
     """Filters that invert the covariance still can."""
     factor = np.array([[1.0, 0.0, 0.0], [tilts[0], 1.0, 0.0], [tilts[1], tilts[2], 1.0]])
@@ -277,7 +277,7 @@ def test_no_variance_above_a_million_is_written_and_correlations_stay(
 
 
 @given(nanoseconds, frames, frames, finite, finite, finite)
-def test_the_transform_is_written_as_rclpy_writes_it(
+def test_transform_equals_rclpy(
         stamp_ns: int, odom: str, base: str, x: float, y: float, theta: float) -> None:
     """A TFMessage is a count and transforms; rclpy writes the one transform."""
     written = TransformWriter(odom, base).write(stamp_ns, x, y, theta)
@@ -300,7 +300,7 @@ def is_tf_message(written: bytes, transform: TransformStamped) -> bool:
 
 
 @given(st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 2), max_size=15), st.integers(1, 4))
-def test_an_estimate_is_what_the_arrays_say(steps: list, window: int) -> None:
+def test_estimate_has_the_values_of_the_arrays(steps: list, window: int) -> None:
     """Plain floats for the message, arrays for people."""
     odometry = Odometry(DiffDrive(0.317, 0.0471, 0.0533), window=window)
     left = right = 0.0

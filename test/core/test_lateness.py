@@ -40,13 +40,13 @@ def known(clock: int = 0) -> Talker:
 
 
 @given(st.integers(0, 3600 * S))
-def test_the_first_word_of_a_sender_that_keeps_the_time_is_as_late_as_it_comes(late: int) -> None:
+def test_first_message_of_a_synchronous_sender_has_its_latency(late: int) -> None:
     """Nobody has to be heard first to be told from what was kept back."""
     assert Talker(Lateness()).say(START, late) == late
 
 
 @given(clocks, st.lists(st.integers(0, 50 * MS), min_size=1, max_size=50))
-def test_nobody_is_late_whose_messages_take_about_as_long(clock: int, transits: list[int]) -> None:
+def test_messages_of_similar_latency_are_not_late(clock: int, transits: list[int]) -> None:
     """However wrong the clock is, once it is known, and however the transit trembles."""
     talker = known(clock)
     for k, transit in enumerate(transits):
@@ -54,7 +54,7 @@ def test_nobody_is_late_whose_messages_take_about_as_long(clock: int, transits: 
 
 
 @given(st.integers(210 * MS, 10**17), st.sampled_from([-1, 1]))
-def test_another_clock_is_believed_when_it_was_heard_for_a_second(apart: int, sign: int) -> None:
+def test_clock_offset_is_accepted_after_a_second(apart: int, sign: int) -> None:
     """Until then its messages are late, or early: they might be what was kept back."""
     talker = Talker(Lateness(), sign * apart)
     heard = [talker.hear(at) for at in range(START, START + 3 * S, 100 * MS)]
@@ -65,7 +65,7 @@ def test_another_clock_is_believed_when_it_was_heard_for_a_second(apart: int, si
 
 
 @given(clocks, st.integers(210 * MS, 3600 * S))
-def test_what_was_kept_back_is_late_by_that(clock: int, kept: int) -> None:
+def test_delayed_message_is_late_by_its_delay(clock: int, kept: int) -> None:
     """DDS sends again what was sent before a link broke; the next message is as ever."""
     talker = known(clock)
     at = START + 5 * S + kept
@@ -75,7 +75,7 @@ def test_what_was_kept_back_is_late_by_that(clock: int, kept: int) -> None:
 
 
 @given(clocks, st.integers(2, 30), st.integers(1 * S, 60 * S), st.integers(0, 4))
-def test_a_burst_of_what_was_kept_back_is_late_to_the_last(
+def test_burst_of_delayed_messages_is_late_to_the_last(
         clock: int, count: int, kept: int, bursts: int) -> None:
     """A full queue arrives at once, each message a little less late; none is believed for it."""
     talker = known(clock)
@@ -88,7 +88,7 @@ def test_a_burst_of_what_was_kept_back_is_late_to_the_last(
 
 @pytest.mark.parametrize('pace', [1.3, 1.5, 2.0, 3.0, 5.0])
 @pytest.mark.parametrize('stall', [2, 10, 30])
-def test_a_backlog_that_is_worked_off_slowly_is_late_until_it_is(stall: int, pace: float) -> None:
+def test_backlog_is_late_until_it_is_empty(stall: int, pace: float) -> None:
     """Each message is a little less late than the one before, for longer than a second."""
     lateness = Lateness()
     Talker(lateness).talk(range(START, START + 5 * S, 50 * MS))
@@ -99,7 +99,7 @@ def test_a_backlog_that_is_worked_off_slowly_is_late_until_it_is(stall: int, pac
         assert late > at - sent - 650 * MS or at - sent < 200 * MS
 
 
-def test_a_clock_that_was_believed_is_not_led_down_by_a_burst() -> None:
+def test_burst_does_not_change_an_accepted_clock_offset() -> None:
     """A link was 3 s slow for a while; hours later what was kept back is no sign of that."""
     talker = Talker(Lateness())
     talker.talk(range(START, START + 2 * S, 50 * MS), 3 * S)
@@ -111,7 +111,7 @@ def test_a_clock_that_was_believed_is_not_led_down_by_a_burst() -> None:
         assert talker.say(now + k * MS, kept) >= kept - 10 * MS
 
 
-def test_one_by_one_after_each_of_several_cuts_is_late_each_time() -> None:
+def test_messages_after_repeated_link_losses_are_late() -> None:
     """By the same time even."""
     talker = Talker(Lateness())
     for begin in range(START, START + 100 * S, 10 * S):
@@ -120,7 +120,7 @@ def test_one_by_one_after_each_of_several_cuts_is_late_each_time() -> None:
 
 
 @pytest.mark.parametrize('growth', [0.05, 0.1, 0.2, 0.3, 0.5, 0.8])
-def test_a_queue_that_fills_up_excuses_no_more_than_a_second(growth: float) -> None:
+def test_filling_queue_hides_at_most_a_second_of_latency(growth: float) -> None:
     """However slowly: what is driven would else be older and older."""
     lateness, worst = Lateness(), 0
     for sent in range(START, START + 120 * S, 50 * MS):
@@ -131,7 +131,7 @@ def test_a_queue_that_fills_up_excuses_no_more_than_a_second(growth: float) -> N
 
 
 @given(clocks, st.integers(-3600 * S, 3600 * S))
-def test_a_clock_that_is_set_is_believed_after_two_seconds(clock: int, by: int) -> None:
+def test_clock_jump_is_accepted_after_two_seconds(clock: int, by: int) -> None:
     """One second as any, and one more for the clock that was believed before."""
     talker = known(clock)
     talker.clock += by
@@ -139,7 +139,7 @@ def test_a_clock_that_is_set_is_believed_after_two_seconds(clock: int, by: int) 
     assert max(map(abs, after[20:])) <= 210 * MS
 
 
-def test_one_message_from_the_future_makes_none_after_it_late() -> None:
+def test_message_from_the_future_makes_no_later_one_late() -> None:
     """One wrong stamp is no clock."""
     talker = Talker(Lateness())
     talker.talk(range(START, START + 5 * S, 100 * MS))
@@ -150,7 +150,7 @@ def test_one_message_from_the_future_makes_none_after_it_late() -> None:
 
 
 @given(st.integers(0, 10**6), st.floats(0.0, 0.5), st.integers(60, 150), st.floats(0.0, 0.3))
-def test_no_jitter_of_others_excuses_what_was_kept_back(
+def test_jitter_does_not_hide_delayed_messages(
         seed: int, share: float, jitter: int, loss: float) -> None:
     """Two who keep the time, one of them on a poor link, and a word of the other 8 s old."""
     draw, lateness = random.Random(seed), Lateness()
@@ -163,7 +163,7 @@ def test_no_jitter_of_others_excuses_what_was_kept_back(
 
 
 @given(st.integers(0, 10**6), st.sampled_from([-3 * S, -7200 * S, 3 * S]), st.floats(0.0, 0.3))
-def test_two_senders_with_clocks_of_their_own_are_both_heard(
+def test_two_senders_with_clock_offsets_are_both_accepted(
         seed: int, apart: int, loss: float) -> None:
     """Whatever the link does to them, within the tenths of a second that Wi-Fi trembles by."""
     draw, lateness = random.Random(seed), Lateness()
@@ -178,27 +178,27 @@ def test_two_senders_with_clocks_of_their_own_are_both_heard(
 
 
 @given(st.lists(st.integers(0, 200 * MS), min_size=31, max_size=31))
-def test_a_transit_that_trembles_hinders_no_belief(transits: list[int]) -> None:
+def test_jitter_does_not_prevent_a_clock_offset(transits: list[int]) -> None:
     """Wi-Fi: up to a fifth of a second."""
     talker = Talker(Lateness(), -2 * S)
     for k, transit in enumerate(transits):
         assert talker.say(START + k * 100 * MS, transit) <= 250 * MS or k <= 12
 
 
-def test_who_does_not_tell_when_it_was_sent_is_not_late() -> None:
+def test_message_without_stamp_is_not_late() -> None:
     """A middleware need not."""
     for at in range(START, START + 9 * S, S):
         assert Lateness().of(0, at, at + WALL) == (0, 0)
 
 
 @pytest.mark.parametrize('idle', [600, 3600, 36000])
-def test_to_be_idle_for_long_excuses_nothing(idle: int) -> None:
+def test_idle_time_hides_no_latency(idle: int) -> None:
     """Clocks do not drift by a second within hours."""
     talker = known(-5 * S)
     assert talker.say(START + (5 + idle) * S + 1500 * MS, 1500 * MS) > 1300 * MS
 
 
-def test_a_clock_of_this_computer_that_is_set_makes_none_of_its_senders_late() -> None:
+def test_wall_clock_jump_makes_no_local_sender_late() -> None:
     """By an hour, as when the network time comes at last."""
     lateness = Lateness()
     for set_by in 0, 3600 * S, -3600 * S:
@@ -207,7 +207,7 @@ def test_a_clock_of_this_computer_that_is_set_makes_none_of_its_senders_late() -
 
 
 @given(clocks, st.floats(-4e-4, 4e-4))
-def test_clocks_that_drift_are_followed_for_hours(clock: int, drift: float) -> None:
+def test_clock_drift_is_tracked_for_hours(clock: int, drift: float) -> None:
     """By four ten-thousandths, more than any that is left to itself."""
     assume(clock)
     talker = known(clock)
@@ -217,7 +217,7 @@ def test_clocks_that_drift_are_followed_for_hours(clock: int, drift: float) -> N
 
 
 @given(st.lists(st.tuples(clocks, st.integers(0, S)), max_size=60))
-def test_no_more_than_eight_clocks_are_remembered(messages: list[tuple[int, int]]) -> None:
+def test_at_most_eight_clock_offsets_are_kept(messages: list[tuple[int, int]]) -> None:
     """Whatever the stamps say."""
     lateness, now = Lateness(), START
     for clock, later in messages:

@@ -7,7 +7,7 @@ import tracemalloc
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import (
-    BLOCK,
+    BLOCK_STEPS,
     integrate,
     integrate_chunks,
     integrate_euler,
@@ -56,13 +56,13 @@ def on_a_circle(drive, turn, steps):
 # The path
 
 @given(drives, wheel_steps, poses)
-def test_online_and_whole_logs_end_at_the_same_pose(drive, steps, start):
+def test_online_and_batch_end_at_the_same_pose(drive, steps, start):
     online = driven(Odometry(drive, start=start), steps)
     same(online.pose, integrate(drive, *angles_of(steps), start)[-1])
 
 
 @given(drives, wheel_steps, poses)
-def test_the_path_is_the_product_of_the_exponentials(drive, steps, start):
+def test_poses_are_products_of_exponentials(drive, steps, start):
     poses_of_log = integrate(drive, *angles_of(steps), start)
     assert poses_of_log.shape == (len(steps) + 1, 3)
     pose = np.array(start)
@@ -73,20 +73,20 @@ def test_the_path_is_the_product_of_the_exponentials(drive, steps, start):
 
 
 @given(drives, wheel_steps, poses)
-def test_the_start_carries_the_whole_path_along(drive, steps, start):
+def test_start_transforms_the_whole_path(drive, steps, start):
     from_origin = integrate(drive, *angles_of(steps))
     same(integrate(drive, *angles_of(steps), start), se2.compose(start, from_origin))
 
 
 @given(drives, wheel_steps, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
-def test_only_differences_of_angles_count(drive, steps, left_offset, right_offset):
+def test_poses_depend_on_angle_differences_only(drive, steps, left_offset, right_offset):
     left, right = angles_of(steps)
     moved = integrate(drive, left + left_offset, right + right_offset)
     same(moved, integrate(drive, left, right), atol=1e-8)
 
 
 @given(drives, wheel_steps)
-def test_swapped_sides_drive_the_mirrored_path(drive, steps):
+def test_path_is_mirrored_by_swapped_sides(drive, steps):
     mirrored = DiffDrive(
         drive.wheel_separation, drive.right_wheel_radius, drive.left_wheel_radius)
     left, right = angles_of(steps)
@@ -97,7 +97,7 @@ def test_swapped_sides_drive_the_mirrored_path(drive, steps):
 
 
 @given(drives, wheel_steps, poses)
-def test_driving_back_returns_to_the_start(drive, steps, start):
+def test_reverse_drive_returns_to_the_start(drive, steps, start):
     there_and_back = [*steps, *(-np.array(steps[::-1]))]
     same(driven(Odometry(drive, start=start), there_and_back).pose, start, atol=1e-10)
     same(integrate(drive, *angles_of(there_and_back), start)[-1], start, atol=1e-10)
@@ -105,7 +105,7 @@ def test_driving_back_returns_to_the_start(drive, steps, start):
 
 @given(drives, st.floats(-5.0, 5.0), st.floats(-15.0, 15.0), st.integers(2, 1000))
 @settings(max_examples=50)
-def test_an_arc_is_the_same_however_often_it_is_sampled(drive, distance, turn, samples):
+def test_arc_is_independent_of_sampling(drive, distance, turn, samples):
     wheels = np.array(wheels_for(drive, distance, turn))
     fine = np.outer(wheels, np.linspace(0.0, 1.0, samples + 1))
     once, often = integrate(drive, *fine[:, [0, -1]]), integrate(drive, *fine)
@@ -113,7 +113,7 @@ def test_an_arc_is_the_same_however_often_it_is_sampled(drive, distance, turn, s
 
 
 @each_integrator
-def test_both_wheels_ahead_drive_along_the_heading(integrator):
+def test_equal_travel_drives_along_the_heading(integrator):
     angles = [0.0, 1.0 / 0.0471, 3.0 / 0.0471], [0.0, 1.0 / 0.0533, 3.0 / 0.0533]
     same(integrator(ROBOT, *angles), [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     up = integrator(ROBOT, *angles, [5.0, 7.0, math.pi / 2.0])
@@ -127,19 +127,19 @@ def test_both_wheels_ahead_drive_along_the_heading(integrator):
     (-math.pi / 2.0, -1.0, 1.0),
     (12.0 * math.pi, 0.0, 0.0),
 ])
-def test_an_arc_in_one_step_ends_on_its_circle(turn, x, y):
+def test_arc_in_one_step_ends_on_its_circle(turn, x, y):
     angles = on_a_circle(ROBOT, turn, 1)
     same(integrate(ROBOT, *angles)[-1], [x, y, turn])
     same(driven(Odometry(ROBOT), [angles[:, 1]]).pose, [x, y, turn])
 
 
-def test_half_a_turn_on_the_spot_rolls_the_wheels_along_half_a_circle():
+def test_half_turn_in_place_rolls_wheels_half_a_circle():
     roll = 0.5 * math.pi * 0.317
     same(driven(Odometry(ROBOT), [(-roll / 0.0471, roll / 0.0533)]).pose, [0.0, 0.0, math.pi])
 
 
 @pytest.mark.parametrize('excess', [0.0, 1e-17, 1e-15, -1e-15])
-def test_far_from_the_origin_the_slightest_turn_drives_straight(excess):
+def test_tiny_turn_far_from_the_origin_drives_straight(excess):
     drive, wheel = DiffDrive(0.317, 0.0471, 0.0471 + excess), 1.0 / 0.0471
     start, end = [100.0, 100.0, 1.0], [100.0 + math.cos(1.0), 100.0 + math.sin(1.0)]
     online = driven(Odometry(drive, start=start), [(wheel, wheel)])
@@ -153,7 +153,7 @@ def test_headings_are_not_wrapped():
 
 
 @given(drives, wheel_steps, st.floats(0.01, 0.5), poses)
-def test_a_history_of_speeds_is_a_log_of_the_angles_they_drive(drive, speeds, dt, start):
+def test_integrated_speeds_equal_integrated_angles(drive, speeds, dt, start):
     left, right = np.transpose(speeds)
     path = integrate_speeds(drive, left, right, dt, start)
     assert path.shape == (len(speeds) + 1, 3)
@@ -161,13 +161,13 @@ def test_a_history_of_speeds_is_a_log_of_the_angles_they_drive(drive, speeds, dt
     same(integrate_speeds(drive, left, right, [dt] * len(speeds), start), path)
 
 
-def test_each_pair_of_speeds_is_held_for_a_time_of_its_own():
+def test_each_pair_of_speeds_has_its_own_dt():
     left, right = np.transpose([wheels_for(ROBOT, 0.5, 0.0), wheels_for(ROBOT, 1.0, 1.0)])
     path = integrate_speeds(ROBOT, left, right, [4.0, math.pi / 2.0])
     same(path, [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 1.0, math.pi / 2.0]])
 
 
-def test_a_history_of_no_speeds_stays_at_its_start():
+def test_empty_speeds_give_the_start():
     assert integrate_speeds(ROBOT, [], [], 0.1, [1.0, 2.0, 3.0]).tolist() == [[1.0, 2.0, 3.0]]
 
 
@@ -179,13 +179,13 @@ def test_a_history_of_no_speeds_stays_at_its_start():
     ([1.0], [1.0], [0.1, 0.1]),
     (1.0, 1.0, 0.1),
 ])
-def test_speeds_and_times_that_do_not_fit_together_are_refused(left, right, dt):
+def test_speeds_and_dt_of_different_shapes_are_rejected(left, right, dt):
     with pytest.raises(ValueError, match=r'has shape .*: must be'):
         integrate_speeds(ROBOT, left, right, dt)
 
 
 @pytest.mark.parametrize('position', range(3))
-def test_speeds_and_times_that_are_not_finite_are_named(position):
+def test_not_finite_speeds_and_dt_are_rejected_by_name(position):
     arguments = [[1.0, 2.0], [1.0, 2.0], [0.1, 0.1]]
     arguments[position][1] = math.nan
     name = ('left', 'right', 'dt')[position]
@@ -193,17 +193,17 @@ def test_speeds_and_times_that_are_not_finite_are_named(position):
         integrate_speeds(ROBOT, *arguments)
 
 
-def test_euler_leaves_along_the_old_heading():
+def test_euler_steps_follow_the_old_heading():
     quarter = math.pi / 2.0
     same(integrate_euler(ROBOT, *on_a_circle(ROBOT, quarter, 1))[-1], [quarter, 0.0, quarter])
 
 
-def test_euler_drives_a_curve_too_wide():
+def test_euler_curves_are_too_wide():
     outward = integrate_euler(ROBOT, *on_a_circle(ROBOT, 3.0, 30))[1:, :2] - [0.0, 1.0]
     assert (np.hypot(*outward.T) > 1.0 + 1e-4).all()
 
 
-def test_the_error_of_euler_halves_with_the_step():
+def test_euler_error_is_proportional_to_the_step():
     exact = integrate(ROBOT, *on_a_circle(ROBOT, 2.0, 1))[-1]
     errors = [
         math.hypot(*(integrate_euler(ROBOT, *on_a_circle(ROBOT, 2.0, steps))[-1] - exact)[:2])
@@ -214,18 +214,18 @@ def test_the_error_of_euler_halves_with_the_step():
 
 
 @given(drives, wheel_steps, poses)
-def test_euler_turns_as_the_exact_path_does(drive, steps, start):
+def test_euler_headings_are_exact(drive, steps, start):
     angles = angles_of(steps)
     same(integrate_euler(drive, *angles, start)[:, 2], integrate(drive, *angles, start)[:, 2])
 
 
 @each_integrator
-def test_an_empty_log_has_no_poses(integrator):
+def test_empty_log_has_no_poses(integrator):
     assert integrator(ROBOT, [], []).shape == (0, 3)
 
 
 @each_integrator
-def test_a_log_of_one_sample_is_its_start(integrator):
+def test_log_of_one_sample_is_its_start(integrator):
     assert integrator(ROBOT, [4.0], [5.0], [1.0, 2.0, 3.0]).tolist() == [[1.0, 2.0, 3.0]]
 
 
@@ -235,7 +235,7 @@ def test_a_log_of_one_sample_is_its_start(integrator):
     (0.0, 1.0, 'left has shape (), right ()'),
     ([[0.0]], [[1.0]], 'left has shape (1, 1), right (1, 1)'),
 ])
-def test_angles_that_are_no_log_are_refused(integrator, left, right, shapes):
+def test_angles_of_wrong_shapes_are_rejected(integrator, left, right, shapes):
     message = f'{shapes}: must be (N,) for both'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         integrator(ROBOT, left, right)
@@ -243,7 +243,7 @@ def test_angles_that_are_no_log_are_refused(integrator, left, right, shapes):
 
 @each_integrator
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_named(integrator, value):
+def test_not_finite_angles_are_rejected_by_name(integrator, value):
     for name, left, right, start in [
         ('left[1]', [0.0, value], [0.0, 0.0], [0.0, 0.0, 0.0]),
         ('right[0]', [0.0, 0.0], [value, 0.0], [0.0, 0.0, 0.0]),
@@ -260,7 +260,7 @@ def test_what_is_not_finite_is_named(integrator, value):
     ([[0.0, 0.0, 0.0]], 'start has shape (1, 3): must be (3,)'),
     ('here', "start = 'here': must be a number or an array of numbers"),
 ])
-def test_a_start_that_is_no_pose_is_refused(integrator, start, message):
+def test_invalid_start_is_rejected(integrator, start, message):
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         integrator(ROBOT, [0.0, 1.0], [0.0, 1.0], start)
 
@@ -283,25 +283,26 @@ def peak_memory(work):
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize('samples', [BLOCK, BLOCK + 1, BLOCK + 2, 3 * BLOCK + 7])
-def test_a_log_of_many_blocks_is_one_path(samples):
+@pytest.mark.parametrize(
+    'samples', [BLOCK_STEPS, BLOCK_STEPS + 1, BLOCK_STEPS + 2, 3 * BLOCK_STEPS + 7])
+def test_path_is_continuous_across_blocks(samples):
     left, right = long_log(samples)
     path = integrate(ROBOT, left, right, [1.0, 2.0, 3.0])
     online = Odometry(ROBOT, start=[1.0, 2.0, 3.0])
     for number, (pose, *angles) in enumerate(zip(path, left, right, strict=True)):
         online.update(*angles, EPOCH_NS + number)
-        if number % 1000 == 0 or number % BLOCK < 3:
+        if number % 1000 == 0 or number % BLOCK_STEPS < 3:
             same(pose, online.pose)
     same(path[-1], online.pose)
 
 
-def test_a_long_log_needs_little_more_memory_than_its_poses():
+def test_memory_of_a_long_log_is_that_of_its_poses():
     left, right = long_log(1_000_000)
     assert peak_memory(lambda: integrate(ROBOT, left, right)) < 1.1 * 24 * 1_000_000
 
 
 @given(drives, wheel_steps, poses, st.lists(st.integers(0, 21)))
-def test_a_log_in_chunks_has_the_poses_of_the_whole_log(drive, steps, start, cuts):
+def test_chunks_have_the_poses_of_the_whole_log(drive, steps, start, cuts):
     angles = angles_of(steps)
     parts = np.split(angles, sorted(cuts), axis=1)
     of_parts = list(integrate_chunks(drive, parts, start))
@@ -311,14 +312,14 @@ def test_a_log_in_chunks_has_the_poses_of_the_whole_log(drive, steps, start, cut
 
 @given(st.lists(st.integers(0, 50_000), max_size=20))
 @settings(max_examples=20)
-def test_chunks_drift_from_the_whole_log_by_nothing(cuts):
+def test_chunks_do_not_drift_from_the_whole_log(cuts):
     angles = np.array(long_log(50_000))
     parts = np.split(angles, sorted(cuts), axis=1)
     path = np.concatenate(list(integrate_chunks(ROBOT, parts)))
     same(path, integrate(ROBOT, *angles))
 
 
-def test_no_chunks_have_no_poses_and_empty_ones_have_none_each():
+def test_empty_chunks_have_no_poses():
     assert list(integrate_chunks(ROBOT, [])) == []
     parts = [([], []), ([4.0], [5.0]), ([], []), ([4.0], [5.0])]
     start = [1.0, 2.0, 3.0]
@@ -326,7 +327,7 @@ def test_no_chunks_have_no_poses_and_empty_ones_have_none_each():
     assert path == [[], [start], [], [start]]
 
 
-def test_a_log_in_chunks_needs_the_memory_of_one():
+def test_memory_of_chunks_is_that_of_one():
     def drive_through(count):
         parts = (np.array(long_log(10_000)) for _ in range(count))
         assert sum(map(len, integrate_chunks(ROBOT, parts))) == count * 10_000
@@ -334,7 +335,7 @@ def test_a_log_in_chunks_needs_the_memory_of_one():
     assert peak_memory(lambda: drive_through(30)) < 1.1 * peak_memory(lambda: drive_through(3))
 
 
-def test_a_chunk_is_taken_when_its_poses_are_asked_for():
+def test_chunks_are_read_lazily():
     taken = []
 
     def log():
@@ -348,7 +349,7 @@ def test_a_chunk_is_taken_when_its_poses_are_asked_for():
     assert taken == [0]
 
 
-def test_who_writes_into_a_chunk_or_its_poses_spoils_no_other():
+def test_writes_into_a_chunk_do_not_affect_others():
     angles = np.array(long_log(30))
 
     def one_buffer():
@@ -372,14 +373,14 @@ def test_who_writes_into_a_chunk_or_its_poses_spoils_no_other():
     (7.0, 'chunk 1 = 7.0: must be a pair (left, right)'),
     (([], [], []), 'chunk 1 = ([], [], []): must be a pair (left, right)'),
 ])
-def test_a_chunk_that_is_none_is_named_after_the_poses_before_it(chunk, message):
+def test_invalid_chunk_is_rejected_after_earlier_poses(chunk, message):
     path = integrate_chunks(ROBOT, [([0.0], [0.0]), chunk])
     assert next(path).tolist() == [[0.0, 0.0, 0.0]]
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         next(path)
 
 
-def test_a_start_that_is_no_pose_is_refused_before_any_chunk():
+def test_invalid_start_is_rejected_before_the_first_chunk():
     with pytest.raises(ValueError, match=r'^start\[0\] = nan: must be finite$'):
         integrate_chunks(ROBOT, iter([]), [math.nan, 0.0, 0.0])
 
@@ -389,7 +390,7 @@ def test_a_start_that_is_no_pose_is_refused_before_any_chunk():
     ([0.0, 1.0, 1e308, -1e308, 0.0], [0.0, 1.0, 2.0, 3.0, 4.0]),
     ([0.0, 1.0, 1e308, -1e308, 0.0], [0.0, 1.0, 1e308, -1e308, 0.0]),
 ])
-def test_finite_angles_that_lead_to_no_finite_pose_are_named(integrator, left, right):
+def test_angles_with_pose_overflow_are_rejected_by_name(integrator, left, right):
     steps = f'-1e+308, {right[3]} after 1e+308, {right[2]}'
     message = f'left, right = {steps}: must lead to a finite pose'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
@@ -398,7 +399,7 @@ def test_finite_angles_that_lead_to_no_finite_pose_are_named(integrator, left, r
 
 # Sample by sample
 
-def test_the_first_sample_is_the_baseline():
+def test_first_sample_is_the_baseline():
     odometry = Odometry(ROBOT, start=[1.0, 2.0, 3.0])
     assert odometry.update(100.0, -200.0, EPOCH_NS)
     assert odometry.pose.tolist() == [1.0, 2.0, 3.0]
@@ -406,7 +407,7 @@ def test_the_first_sample_is_the_baseline():
 
 
 @pytest.mark.parametrize('late', [0, -1, -SECOND])
-def test_a_sample_that_is_not_newer_is_passed_over_and_the_next_carries_its_motion(late):
+def test_out_of_order_sample_is_dropped_without_lost_motion(late):
     odometry, smooth = Odometry(ROBOT), Odometry(ROBOT)
     for each in odometry, smooth:
         each.update(0.0, 0.0, EPOCH_NS)
@@ -423,7 +424,7 @@ def test_a_sample_that_is_not_newer_is_passed_over_and_the_next_carries_its_moti
 
 @pytest.mark.parametrize('angles', [
     (math.nan, 5.0), (5.0, math.nan), (math.inf, 5.0), (5.0, -math.inf)])
-def test_angles_that_are_not_finite_are_refused_and_change_nothing(angles):
+def test_not_finite_sample_is_rejected_without_effect(angles):
     odometry, smooth = Odometry(ROBOT), Odometry(ROBOT)
     for each in odometry, smooth:
         driven(each, [(1.0, 2.0), (0.5, -3.0)], interval_ns=SECOND)
@@ -437,7 +438,7 @@ def test_angles_that_are_not_finite_are_refused_and_change_nothing(angles):
     assert odometry.pose_covariance.tolist() == smooth.pose_covariance.tolist()
 
 
-def test_the_very_first_sample_may_not_be_nan_either():
+def test_not_finite_first_sample_is_rejected():
     odometry = Odometry(ROBOT)
     with pytest.raises(ValueError, match='must be finite'):
         odometry.update(math.nan, 0.0, EPOCH_NS)
@@ -447,7 +448,7 @@ def test_the_very_first_sample_may_not_be_nan_either():
 
 @given(st.floats(allow_nan=False, allow_infinity=False),
        st.floats(allow_nan=False, allow_infinity=False))
-def test_no_finite_angles_ever_make_a_pose_that_is_not_finite(left, right):
+def test_pose_of_finite_angles_is_finite(left, right):
     odometry = driven(Odometry(ROBOT), [])
     try:
         odometry.update(left, right, EPOCH_NS + 1)
@@ -457,7 +458,7 @@ def test_no_finite_angles_ever_make_a_pose_that_is_not_finite(left, right):
     assert np.isfinite(odometry.pose).all()
 
 
-def test_reset_sets_the_pose_and_keeps_the_last_sample():
+def test_reset_sets_the_pose_and_keeps_the_baseline():
     odometry = driven(Odometry(ROBOT), [(3.0, 5.0)])
     odometry.reset([1.0, 2.0, math.pi / 2.0])
     assert odometry.pose.tolist() == [1.0, 2.0, math.pi / 2.0]
@@ -466,14 +467,14 @@ def test_reset_sets_the_pose_and_keeps_the_last_sample():
     same(odometry.pose, [1.0, 2.1, math.pi / 2.0])
 
 
-def test_reset_without_a_pose_goes_to_the_origin_and_forgets_the_uncertainty():
+def test_reset_without_arguments_is_the_origin():
     odometry = driven(Odometry(ROBOT), [(3.0, 5.0)] * 5)
     odometry.reset()
     assert odometry.pose.tolist() == [0.0, 0.0, 0.0]
     same(odometry.pose_covariance, Odometry(ROBOT).pose_covariance, rtol=0.0, atol=0.0)
 
 
-def test_the_returned_arrays_are_the_callers_own():
+def test_returned_arrays_are_copies():
     odometry = driven(Odometry(ROBOT), [(3.0, 5.0)])
     pose, covariance = odometry.pose.tolist(), odometry.pose_covariance.tolist()
     for array in odometry.pose, odometry.twist, odometry.pose_covariance:
@@ -488,7 +489,7 @@ def test_the_returned_arrays_are_the_callers_own():
     ([0.0, math.nan, 0.0], '[1] = nan: must be finite'),
     (None, ' = None: must be a number or an array of numbers'),
 ])
-def test_a_pose_that_is_none_is_refused_by_name(pose, message):
+def test_invalid_pose_is_rejected_by_name(pose, message):
     odometry = driven(Odometry(ROBOT), [(3.0, 5.0)])
     before = odometry.pose.tolist()
     with pytest.raises(ValueError, match=f'^{re.escape("pose" + message)}$'):
@@ -496,13 +497,13 @@ def test_a_pose_that_is_none_is_refused_by_name(pose, message):
     assert odometry.pose.tolist() == before
 
 
-def test_a_start_that_is_no_pose_is_refused_by_name():
+def test_invalid_online_start_is_rejected_by_name():
     with pytest.raises(ValueError, match=f'^{re.escape("start[1] = nan: must be finite")}$'):
         Odometry(ROBOT, start=[0.0, math.nan, 0.0])
 
 
 @pytest.mark.parametrize('window', [0, -1])
-def test_a_window_of_no_interval_is_refused(window):
+def test_window_below_one_is_rejected(window):
     with pytest.raises(ValueError, match=f'^window = {window}: must be an integer of 1 or more$'):
         Odometry(ROBOT, window=window)
 
@@ -510,7 +511,7 @@ def test_a_window_of_no_interval_is_refused(window):
 # The twist
 
 @given(st.floats(-2.0, 2.0), st.floats(-5.0, 5.0), st.integers(1, 12), st.integers(1, 10**10))
-def test_a_constant_twist_is_measured_as_it_is_over_any_window(linear, angular, window, interval):
+def test_constant_twist_is_exact_for_any_window(linear, angular, window, interval):
     left, right = ROBOT.wheel_speeds(linear, angular)
     seconds = interval / SECOND
     steps = [(left * seconds, right * seconds)] * 8
@@ -518,7 +519,7 @@ def test_a_constant_twist_is_measured_as_it_is_over_any_window(linear, angular, 
     same(odometry.twist, [linear, 0.0, angular], rtol=1e-9, atol=1e-9)
 
 
-def test_the_twist_at_an_epoch_of_ten_digits_and_across_a_second_is_exact():
+def test_twist_at_epoch_stamps_is_exact():
     odometry = Odometry(ROBOT)
     left, right = ROBOT.wheel_speeds(0.7, -1.3)
     odometry.update(0.0, 0.0, EPOCH_NS + 990_000_001)
@@ -527,19 +528,19 @@ def test_the_twist_at_an_epoch_of_ten_digits_and_across_a_second_is_exact():
 
 
 @pytest.mark.parametrize('heading', [0.0, math.pi / 2.0, -2.0, 50.0])
-def test_the_twist_is_that_of_the_body_whichever_way_it_faces(heading):
+def test_twist_is_in_the_body_frame(heading):
     odometry = Odometry(ROBOT, start=[3.0, 4.0, heading])
     ahead = 0.01 / 0.0471, 0.01 / 0.0533
     same(driven(odometry, [ahead] * 4, interval_ns=SECOND // 100).twist, [1.0, 0.0, 0.0])
 
 
 @given(wheel_steps, st.integers(1, 12))
-def test_at_rest_the_twist_is_exactly_zero(steps, window):
+def test_twist_at_rest_is_exactly_zero(steps, window):
     odometry = driven(Odometry(ROBOT, window=window), [*steps, *[(0.0, 0.0)] * window])
     assert odometry.twist.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_the_twist_forgets_what_is_older_than_its_window():
+def test_twist_ignores_samples_before_its_window():
     late = [(1.0, 2.0), (3.0, -1.0), (0.5, 0.25)]
     odometry = driven(Odometry(ROBOT, window=3), [(40.0, -50.0), *late])
     fresh = driven(Odometry(ROBOT, window=3), late)
@@ -548,7 +549,7 @@ def test_the_twist_forgets_what_is_older_than_its_window():
     assert abs(still_in_it.twist[2] - fresh.twist[2]) > 1.0
 
 
-def test_the_twist_is_displacement_over_time_however_unequal_the_intervals():
+def test_twist_of_unequal_intervals_is_displacement_over_time():
     odometry = Odometry(ROBOT, window=2)
     ahead = np.array([1.0 / 0.0471, 1.0 / 0.0533])
     for metres_ahead, second in (0.0, 0), (0.1, 1), (0.9, 3):
@@ -596,7 +597,7 @@ def propagated(drive, noise, covariance, pose, left, right):
 @given(drives, st.lists(st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0)),
                         min_size=1, max_size=4), poses)
 @settings(max_examples=60)
-def test_the_covariance_is_propagated_by_the_derivatives_of_the_motion(drive, steps, start):
+def test_covariance_is_propagated_by_numeric_derivatives(drive, steps, start):
     odometry = driven(Odometry(drive, noise=NOISE, start=start), [])
     angles = angles_of(steps).T
     for number, (step, sample) in enumerate(zip(steps, angles[1:].tolist(), strict=True)):
@@ -607,7 +608,7 @@ def test_the_covariance_is_propagated_by_the_derivatives_of_the_motion(drive, st
 
 
 @pytest.mark.parametrize('turn', [0.0, 1e-9, 1e-4, 0.19, 0.2, 0.21, 1.0, -3.0, 7.0])
-def test_the_covariance_is_right_for_turns_of_every_size(turn):
+def test_covariance_is_exact_for_turns_of_any_size(turn):
     wheels = wheels_for(ROBOT, 0.8, turn)
     start = np.array([0.0, 0.0, 0.4])
     odometry = driven(Odometry(ROBOT, noise=NOISE, start=start), [wheels])
@@ -616,7 +617,7 @@ def test_the_covariance_is_right_for_turns_of_every_size(turn):
     same(odometry.pose_covariance, expected, rtol=0.0, atol=1e-8 * np.abs(expected).max())
 
 
-def test_the_covariance_is_that_of_many_robots_with_the_same_noise():
+def test_covariance_equals_monte_carlo():
     random, runs = np.random.default_rng(3), 40_000
     steps = [wheels_for(ROBOT, 0.1, turn) for turn in np.linspace(-0.05, 0.12, 20)]
     noise = WheelNoise(left_travel=2e-5, right_travel=9e-5, turn=1e-3)
@@ -636,7 +637,7 @@ def test_the_covariance_is_that_of_many_robots_with_the_same_noise():
 
 
 @given(drives, wheel_steps, poses)
-def test_the_covariance_is_symmetric_and_positive(drive, steps, start):
+def test_covariance_is_symmetric_positive_definite(drive, steps, start):
     odometry = driven(Odometry(drive, start=start), steps)
     for covariance in odometry.pose_covariance, odometry.twist_covariance:
         assert (covariance == covariance.T).all()
@@ -646,7 +647,7 @@ def test_the_covariance_is_symmetric_and_positive(drive, steps, start):
 
 
 @given(drives, st.lists(st.tuples(st.floats(-6.0, 6.0), st.floats(0.1, 6.0)), max_size=10))
-def test_uncertainty_grows_with_every_step(drive, steps):
+def test_covariance_grows_with_every_step(drive, steps):
     odometry = driven(Odometry(drive, noise=NOISE), [])
     for number, (left, right) in enumerate(angles_of(steps).T[1:].tolist()):
         before = odometry.pose_covariance
@@ -656,14 +657,14 @@ def test_uncertainty_grows_with_every_step(drive, steps):
         assert np.linalg.slogdet(after)[1] > np.linalg.slogdet(before)[1]
 
 
-def test_uncertainty_stays_at_rest():
+def test_covariance_is_constant_at_rest():
     odometry = driven(Odometry(ROBOT, noise=NOISE), [(3.0, 5.0)])
     before = odometry.pose_covariance.tolist()
     odometry.update(3.0, 5.0, EPOCH_NS + SECOND)
     assert odometry.pose_covariance.tolist() == before
 
 
-def test_uncertainty_of_the_travel_does_not_depend_on_how_often_it_is_sampled():
+def test_travel_variance_is_independent_of_sampling():
     once, often = (
         driven(Odometry(ROBOT, noise=NOISE), np.diff(on_a_circle(ROBOT, 0.5, steps)).T)
         for steps in (200, 1000))
@@ -672,7 +673,7 @@ def test_uncertainty_of_the_travel_does_not_depend_on_how_often_it_is_sampled():
 
 
 @given(drives, wheel_steps, st.floats(-7.0, 7.0), metres, metres)
-def test_a_turned_and_shifted_start_turns_the_covariance(drive, steps, heading, x, y):
+def test_covariance_turns_with_the_start(drive, steps, heading, x, y):
     plain = driven(Odometry(drive, noise=NOISE), steps).pose_covariance
     moved = driven(Odometry(drive, noise=NOISE, start=[x, y, heading]), steps).pose_covariance
     turn = np.eye(3)
@@ -681,7 +682,7 @@ def test_a_turned_and_shifted_start_turns_the_covariance(drive, steps, heading, 
 
 
 @given(drives, wheel_steps)
-def test_swapped_sides_mirror_the_covariance(drive, steps):
+def test_covariance_is_mirrored_by_swapped_sides(drive, steps):
     mirrored = DiffDrive(
         drive.wheel_separation, drive.right_wheel_radius, drive.left_wheel_radius)
     swapped = WheelNoise(NOISE.right_travel, NOISE.left_travel, NOISE.turn)
@@ -697,7 +698,7 @@ def test_swapped_sides_mirror_the_covariance(drive, steps):
     (WheelNoise(left_travel=0.0, right_travel=1e-4, turn=0.0), 1.0),
     (WheelNoise(left_travel=1e-4, right_travel=0.0, turn=0.0), -1.0),
 ])
-def test_a_wheel_that_goes_too_far_goes_ahead_and_turns_to_the_other_side(noise, sign):
+def test_travel_and_heading_errors_of_a_wheel_correlate(noise, sign):
     ahead = 0.1 / 0.0471, 0.1 / 0.0533
     odometry = driven(Odometry(ROBOT, noise=noise), [ahead] * 10)
     pose, twist = odometry.pose_covariance, odometry.twist_covariance
@@ -706,14 +707,14 @@ def test_a_wheel_that_goes_too_far_goes_ahead_and_turns_to_the_other_side(noise,
     assert pose[1, 2] > 1e-6  # who turned left ends left, whichever wheel it was
 
 
-def test_scrubbing_wheels_make_the_heading_uncertain_and_nothing_else():
+def test_turn_noise_affects_the_heading_only():
     odometry = driven(
         Odometry(ROBOT, noise=WheelNoise(0.0, 0.0, 0.01)), [wheels_for(ROBOT, 0.0, -2.0)])
     least = Odometry(ROBOT).pose_covariance
     same(odometry.pose_covariance - least, np.diag([0.0, 0.0, 0.02]))
 
 
-def test_no_variance_is_ever_zero():
+def test_variances_are_never_zero():
     odometry = Odometry(ROBOT, noise=WheelNoise(0.0, 0.0, 0.0))
     for steps in [], [(0.0, 0.0)] * 3, [(1.0, -2.0)] * 3:
         odometry = driven(Odometry(ROBOT, noise=WheelNoise(0.0, 0.0, 0.0)), steps)
@@ -721,7 +722,7 @@ def test_no_variance_is_ever_zero():
             assert np.linalg.eigvalsh(covariance).min() > 1e-10
 
 
-def test_the_twist_is_as_uncertain_as_the_travel_of_its_window():
+def test_twist_covariance_is_that_of_travel_in_the_window():
     step, seconds = np.array([1.1, 2.3]), 0.8
     odometry = driven(
         Odometry(ROBOT, window=4, noise=NOISE), [step] * 9, interval_ns=SECOND // 5)
@@ -735,7 +736,7 @@ def test_the_twist_is_as_uncertain_as_the_travel_of_its_window():
     assert expected[0, 0] > 1e-5
 
 
-def test_rocking_to_and_fro_makes_the_twist_as_uncertain_as_driving_on():
+def test_twist_covariance_of_rocking_is_that_of_driving():
     ahead = np.array([0.1 / 0.0471, 0.1 / 0.0533])
     driving = driven(Odometry(ROBOT, noise=NOISE), [ahead] * 10)
     rocking = driven(Odometry(ROBOT, noise=NOISE), [ahead, -ahead] * 5)
@@ -745,7 +746,7 @@ def test_rocking_to_and_fro_makes_the_twist_as_uncertain_as_driving_on():
 
 @pytest.mark.parametrize('value', [-1e-9, math.nan, math.inf, None, 'a'])
 @pytest.mark.parametrize('name', ['left_travel', 'right_travel', 'turn'])
-def test_a_noise_that_is_no_variance_is_refused(name, value):
+def test_invalid_noise_is_rejected(name, value):
     message = f'{name} = {value!r}: must be finite and zero or more'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         WheelNoise(**{name: value})

@@ -51,7 +51,7 @@ def uncertain(drive=ROBOT, noise=NO_NOISE, **kwargs):
 # The systematic part
 
 @given(drives, few_steps, poses)
-def test_the_sensitivity_is_the_derivative_of_the_last_pose_by_the_geometry(drive, steps, start):
+def test_sensitivity_is_derivative_of_pose_by_geometry(drive, steps, start):
     left, right = angles_of(steps)
     expected = numeric_jacobian(
         lambda geometry: integrate(DiffDrive(*geometry), left, right, start)[-1],
@@ -61,7 +61,7 @@ def test_the_sensitivity_is_the_derivative_of_the_last_pose_by_the_geometry(driv
 
 
 @given(drives, wheel_steps, poses)
-def test_what_the_geometry_brings_is_its_variances_through_the_sensitivity(drive, steps, start):
+def test_systematic_part_is_variances_through_sensitivity(drive, steps, start):
     plain = driven(Odometry(drive, noise=NOISE, start=start), steps)
     odometry = driven(uncertain(drive, NOISE, start=start), steps)
     S, deviations = odometry.geometry_sensitivity, geometry_of(KNOWN)
@@ -69,7 +69,7 @@ def test_what_the_geometry_brings_is_its_variances_through_the_sensitivity(drive
     same(odometry.pose_covariance, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_on_a_straight_line_a_wheel_too_large_bends_it_and_a_wrong_separation_does_nothing():
+def test_radius_error_bends_a_straight_line_separation_does_not():
     length, s, left, right = 2.0, 0.317, 2.0 / 0.0471, 2.0 / 0.0533  # angles of the wheels [rad]
     odometry = driven(uncertain(), [(left / 50.0, right / 50.0)] * 50)
     same(odometry.geometry_sensitivity, np.transpose([
@@ -78,25 +78,25 @@ def test_on_a_straight_line_a_wheel_too_large_bends_it_and_a_wrong_separation_do
         [0.5 * right, 0.5 * right * length / s, right / s]]))
 
 
-def test_a_geometry_that_is_exact_has_no_sensitivity():
+def test_exact_geometry_has_no_sensitivity():
     with pytest.raises(ValueError, match=r'^geometry_sensitivity: needs a geometry_uncertainty'):
         _ = driven(Odometry(ROBOT), [(1.0, 2.0)]).geometry_sensitivity
 
 
-def test_a_spin_is_wrong_by_the_share_that_the_separation_is():
+def test_heading_error_of_a_spin_is_that_of_the_separation():
     odometry = driven(uncertain(), [wheels_for(ROBOT, 0.0, 0.5)] * 8)
     same(odometry.geometry_sensitivity[:, 0], [0.0, 0.0, -4.0 / 0.317])
 
 
 @given(drives, st.floats(-3.0, 3.0), st.integers(2, 60))
-def test_the_systematic_part_does_not_depend_on_how_often_an_arc_is_sampled(drive, turn, steps):
+def test_systematic_part_is_independent_of_sampling(drive, turn, steps):
     once, often = (
         driven(uncertain(drive), np.diff(on_a_circle(drive, turn, number)).T).pose_covariance
         - MIN_COVARIANCE for number in (1, steps))
     same(often, once, rtol=1e-7, atol=1e-9 * np.abs(once).max() + 1e-9)
 
 
-def test_the_systematic_part_grows_with_the_square_of_the_path_and_noise_with_the_path():
+def test_systematic_part_grows_quadratically_noise_linearly():
     step = 0.05 / 0.0471, 0.05 / 0.0533
 
     def headings(make):
@@ -109,7 +109,7 @@ def test_the_systematic_part_grows_with_the_square_of_the_path_and_noise_with_th
 
 
 @given(drives, few_steps)
-def test_what_a_wrong_geometry_did_is_undone_on_the_way_back(drive, steps):
+def test_systematic_part_vanishes_on_the_way_back(drive, steps):
     there = driven(uncertain(drive), steps).geometry_sensitivity
     back = [*steps, *(-np.array(steps[::-1]))]
     home = driven(uncertain(drive), back).geometry_sensitivity
@@ -117,7 +117,7 @@ def test_what_a_wrong_geometry_did_is_undone_on_the_way_back(drive, steps):
 
 
 @given(drives, wheel_steps, st.floats(-7.0, 7.0), metres, metres)
-def test_a_turned_and_shifted_start_turns_the_systematic_part(drive, steps, heading, x, y):
+def test_systematic_part_turns_with_the_start(drive, steps, heading, x, y):
     plain = driven(uncertain(drive, NOISE), steps)
     moved = driven(uncertain(drive, NOISE, start=[x, y, heading]), steps)
     turn = np.eye(3)
@@ -129,7 +129,7 @@ def test_a_turned_and_shifted_start_turns_the_systematic_part(drive, steps, head
 
 
 @given(drives, wheel_steps)
-def test_swapped_sides_mirror_the_systematic_part(drive, steps):
+def test_systematic_part_is_mirrored_by_swapped_sides(drive, steps):
     mirrored = DiffDrive(
         drive.wheel_separation, drive.right_wheel_radius, drive.left_wheel_radius)
     known = GeometryUncertainty(
@@ -144,7 +144,7 @@ def test_swapped_sides_mirror_the_systematic_part(drive, steps):
 
 
 @given(drives, wheel_steps, poses)
-def test_the_whole_covariance_is_symmetric_and_positive_definite(drive, steps, start):
+def test_total_covariance_is_symmetric_positive_definite(drive, steps, start):
     odometry = driven(uncertain(drive, NOISE, start=start), steps)
     for covariance in odometry.pose_covariance, odometry.twist_covariance:
         assert (covariance == covariance.T).all()
@@ -153,7 +153,7 @@ def test_the_whole_covariance_is_symmetric_and_positive_definite(drive, steps, s
         assert np.linalg.eigvalsh(covariance / np.outer(spreads, spreads)).min() > 0.0
 
 
-def test_the_same_error_goes_on_where_the_geometry_is_set_anew():
+def test_geometry_error_persists_after_a_change_of_drive():
     first, second = [(0.7, 1.9)] * 6, [(2.1, 1.2)] * 7
     other = DiffDrive(0.331, 0.0462, 0.0541)
 
@@ -172,7 +172,7 @@ def test_the_same_error_goes_on_where_the_geometry_is_set_anew():
     same(odometry.geometry_sensitivity, expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_the_twist_is_as_uncertain_as_the_geometry_besides_the_noise():
+def test_twist_covariance_includes_the_geometry():
     step, seconds = np.array([1.1, 2.3]), 0.8
     plain, odometry = (
         driven(Odometry(ROBOT, window=4, noise=NOISE, geometry_uncertainty=known), [step] * 9,
@@ -188,7 +188,7 @@ def test_the_twist_is_as_uncertain_as_the_geometry_besides_the_noise():
 
 @pytest.mark.parametrize('value', [-1e-9, math.nan, math.inf, None, 'a'])
 @pytest.mark.parametrize('name', ['wheel_separation', 'left_wheel_radius', 'right_wheel_radius'])
-def test_a_deviation_that_is_none_is_refused(name, value):
+def test_invalid_deviation_is_rejected(name, value):
     message = f'{name} = {value!r}: must be finite and zero or more'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         GeometryUncertainty(**{name: value})
@@ -196,14 +196,14 @@ def test_a_deviation_that_is_none_is_refused(name, value):
 
 # Reset
 
-def test_reset_with_a_covariance_has_just_that():
+def test_reset_sets_the_given_covariance():
     odometry = driven(uncertain(noise=NOISE), [(3.0, 5.0)] * 5)
     odometry.reset([1.0, 2.0, 3.0], HEADING_AND_PLACE)
     assert odometry.pose.tolist() == [1.0, 2.0, 3.0]
     assert odometry.pose_covariance.tolist() == HEADING_AND_PLACE.tolist()
 
 
-def test_an_uncertain_heading_of_a_reset_makes_the_way_on_uncertain_sideways():
+def test_heading_variance_of_a_reset_grows_sideways():
     odometry = driven(Odometry(ROBOT, noise=NO_NOISE), [])
     odometry.reset([4.0, -3.0, math.pi / 2.0], np.diag([0.01, 0.02, 0.03]))
     odometry.update(2.0 / 0.0471, 2.0 / 0.0533, EPOCH_NS + 1)
@@ -213,7 +213,7 @@ def test_an_uncertain_heading_of_a_reset_makes_the_way_on_uncertain_sideways():
 
 @given(drives, wheel_steps, few_steps, poses)
 @settings(max_examples=50)
-def test_after_a_reset_the_geometry_counts_anew(drive, before, after, pose):
+def test_reset_restarts_the_systematic_part(drive, before, after, pose):
     odometry = driven(uncertain(drive, NOISE), before)
     odometry.reset(pose, HEADING_AND_PLACE)
     assert odometry.geometry_sensitivity.tolist() == np.zeros((3, 3)).tolist()
@@ -229,14 +229,14 @@ def test_after_a_reset_the_geometry_counts_anew(drive, before, after, pose):
 
 @pytest.mark.parametrize('covariance', [
     np.zeros((3, 3)), np.diag([1.0, 0.0, 0.0]), [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0] * 3]])
-def test_a_reset_that_claims_to_know_it_all_gets_the_least_variance(covariance):
+def test_reset_with_zero_covariance_has_the_minimum_variance(covariance):
     odometry = Odometry(ROBOT)
     odometry.reset([1.0, 2.0, 3.0], covariance)
     same(odometry.pose_covariance, covariance, rtol=0.0, atol=1.001 * MIN_POSE_VARIANCE)
     assert np.linalg.eigvalsh(odometry.pose_covariance).min() > 0.9 * MIN_POSE_VARIANCE
 
 
-def test_a_covariance_of_any_size_may_be_off_by_rounding():
+def test_covariance_with_rounding_errors_is_accepted():
     large = 1e9 * HEADING_AND_PLACE
     large[0, 1] *= 1.0 + 1e-13
     odometry = Odometry(ROBOT)
@@ -261,7 +261,7 @@ def test_a_covariance_of_any_size_may_be_off_by_rounding():
      'covariance = [[1e-12, 2e-12, 0.0], [2e-12, 1e-12, 0.0], [0.0, 0.0, 1e-12]]: must be '
      'positive semidefinite'),
 ])
-def test_a_covariance_that_is_none_is_refused_and_changes_nothing(covariance, message):
+def test_invalid_covariance_is_rejected_without_effect(covariance, message):
     odometry = driven(uncertain(noise=NOISE), [(3.0, 5.0)] * 5)
     pose, before = odometry.pose.tolist(), odometry.pose_covariance.tolist()
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
@@ -273,7 +273,7 @@ def test_a_covariance_that_is_none_is_refused_and_changes_nothing(covariance, me
 # Travel that no covariance can hold
 
 @pytest.mark.parametrize('far', [1e120, 1e200, 1e308])
-def test_a_step_too_far_for_a_finite_covariance_is_refused_and_changes_nothing(far):
+def test_step_with_covariance_overflow_is_rejected(far):
     odometry = driven(uncertain(DiffDrive(0.317, 0.05, 0.05), NOISE), [(3.0, 5.0)])
     refusals = []
     for number in range(1, 11):
@@ -299,7 +299,7 @@ CELLS = (
     Cell('eight', 'equal', systematic=False), Cell('straight', 'unequal', systematic=True))
 
 
-def test_the_covariance_is_true_and_half_of_any_parameter_would_not_be():
+def test_covariance_is_consistent_and_half_parameters_are_not():
     low, high = band(len(CELLS))
     table = [nees_of(cell, ('', *PARAMETERS)) for cell in CELLS]
     true, *told_by_half = np.transpose(table)
@@ -310,7 +310,7 @@ def test_the_covariance_is_true_and_half_of_any_parameter_would_not_be():
 
 @pytest.mark.skipif(
     not OPTIODOM.is_dir(), reason='the OptiOdom recordings are not in ../shared/data/optiodom')
-def test_noise_fitted_on_circles_of_a_real_robot_is_true_of_its_squares():
+def test_noise_fitted_on_circles_is_consistent_on_squares():
     squares, circles = SETS[:2], SETS[2]
     k = real_drives(circles, 4).fitted()
     assert 5e-7 < k < 5e-6

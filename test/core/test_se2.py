@@ -52,37 +52,37 @@ def arc_to_fifty_digits(omega):
 # exp and log
 
 @given(st.tuples(metres, metres, half_turns))
-def test_log_undoes_exp(twist):
+def test_log_inverts_exp(twist):
     same(se2.log(se2.exp(twist)), twist)
 
 
 @given(st.tuples(metres, metres, half_turns))
-def test_exp_undoes_log(pose):
+def test_exp_inverts_log(pose):
     same(se2.exp(se2.log(pose)), pose)
 
 
 @given(twists)
-def test_exp_is_the_matrix_exponential(twist):
+def test_exp_equals_the_matrix_exponential(twist):
     same(homogeneous(se2.exp(twist)), matrix_exponential(twist))
 
 
 @given(poses, twists)
-def test_a_pose_is_updated_by_the_matrix_exponential_on_its_right(pose, twist):
+def test_pose_update_is_the_matrix_exponential_on_the_right(pose, twist):
     updated = se2.compose(pose, se2.exp(twist))
     same(homogeneous(updated), homogeneous(pose) @ matrix_exponential(twist), atol=1e-10)
 
 
 @given(twists, st.floats(0.0, 1.0))
-def test_parts_of_one_constant_twist_add_up(twist, share):
+def test_parts_of_a_constant_twist_compose(twist, share):
     part, rest = share * np.array(twist), (1.0 - share) * np.array(twist)
     same(se2.compose(se2.exp(part), se2.exp(rest)), se2.exp(twist))
 
 
-def test_straight_ahead_is_straight_to_the_last_bit():
+def test_straight_motion_is_straight_bit_for_bit():
     assert se2.exp([0.37, -0.21, 0.0]).tolist() == [0.37, -0.21, 0.0]
 
 
-def test_a_turn_on_the_spot_stays_on_the_spot():
+def test_turn_in_place_has_no_translation():
     assert se2.exp([0.0, 0.0, 2.3]).tolist() == [0.0, 0.0, 2.3]
 
 
@@ -90,7 +90,7 @@ def test_a_turn_on_the_spot_stays_on_the_spot():
 @pytest.mark.parametrize('turn', [
     1e-300, 1e-18, 1e-17, 1e-12, 1e-8, 1e-7, 1e-6, 1e-5, 1e-3, 0.1, 0.5, 1.0, 2.0, 3.0, 3.141592,
     4.0, 6.2, 7.0, 12.5, 20.0])
-def test_an_arc_of_any_turn_is_right_to_its_relative_accuracy(turn, sign):
+def test_arc_of_any_turn_has_relative_accuracy(turn, sign):
     turn *= sign
     x, y = arc_to_fifty_digits(turn)
     ahead, aside = se2.exp([1.0, 0.0, turn]), se2.exp([0.0, 1.0, turn])
@@ -98,16 +98,16 @@ def test_an_arc_of_any_turn_is_right_to_its_relative_accuracy(turn, sign):
     np.testing.assert_allclose(aside, [-y, x, turn], rtol=2e-15)
 
 
-def test_a_left_turn_of_a_quarter_circle_ends_ahead_and_to_the_left():
+def test_quarter_circle_to_the_left_ends_ahead_and_left():
     same(se2.exp([QUARTER, 0.0, QUARTER]), [1.0, 1.0, QUARTER])
 
 
-def test_whole_circles_come_back():
+def test_whole_circles_return_to_the_start():
     same(se2.exp([5.0, 3.0, 6.0 * math.pi]), [0.0, 0.0, 6.0 * math.pi])
 
 
 @pytest.mark.parametrize('turn', [0.0, 1e-18, 1e-17, 1e-15, -1e-15, 1e-12, 1e-8])
-def test_far_from_the_origin_the_slightest_turn_drives_straight(turn):
+def test_tiny_turn_far_from_the_origin_drives_straight(turn):
     end = se2.compose([100.0, 100.0, 1.0], se2.exp([1.0, 0.0, turn]))
     along = [100.0 + math.cos(1.0), 100.0 + math.sin(1.0)]
     across = 0.5 * turn * np.array([-math.sin(1.0), math.cos(1.0)])
@@ -115,52 +115,52 @@ def test_far_from_the_origin_the_slightest_turn_drives_straight(turn):
 
 
 @given(half_turns)
-def test_a_chord_is_never_longer_than_its_arc(half_turn):
+def test_chord_is_not_longer_than_its_arc(half_turn):
     ratio = se2.chord_over_arc(half_turn)
     assert 0.0 <= ratio <= 1.0
     assert ratio == se2.chord_over_arc(-half_turn)
 
 
-def test_the_chord_is_the_whole_arc_when_straight_and_nothing_after_a_circle():
+def test_chord_over_arc_is_one_straight_and_zero_after_a_circle():
     same(se2.chord_over_arc([0.0, QUARTER, math.pi]), [1.0, 2.0 / math.pi, 0.0])
 
 
 # The group
 
 @given(poses, poses, poses)
-def test_composition_is_associative(a, b, c):
+def test_compose_is_associative(a, b, c):
     same(se2.compose(se2.compose(a, b), c), se2.compose(a, se2.compose(b, c)))
 
 
 @given(poses)
-def test_the_identity_changes_nothing(pose):
+def test_compose_with_identity_has_no_effect(pose):
     assert se2.compose(IDENTITY, pose).tolist() == list(pose)
     assert se2.compose(pose, IDENTITY).tolist() == list(pose)
 
 
 @given(poses)
-def test_a_pose_and_its_inverse_cancel(pose):
+def test_pose_and_its_inverse_cancel(pose):
     same(se2.compose(pose, se2.inverse(pose)), IDENTITY)
     same(se2.compose(se2.inverse(pose), pose), IDENTITY)
 
 
 @given(poses, poses)
-def test_poses_multiply_and_invert_as_their_matrices(a, b):
+def test_compose_and_inverse_equal_matrices(a, b):
     same(homogeneous(se2.compose(a, b)), homogeneous(a) @ homogeneous(b))
     same(homogeneous(se2.inverse(a)), np.linalg.inv(homogeneous(a)))
 
 
-def test_headings_add_up_and_are_not_wrapped():
+def test_compose_does_not_wrap_headings():
     assert se2.compose([0.0, 0.0, 3.0], [0.0, 0.0, 4.0])[2] == 7.0
 
 
 @given(poses, poses)
-def test_between_leads_from_one_pose_to_the_other(a, b):
+def test_between_composes_to_the_second_pose(a, b):
     same(se2.compose(a, se2.between(a, b)), b)
 
 
 @given(poses, poses, poses)
-def test_between_does_not_depend_on_the_frame_both_are_known_in(world, a, b):
+def test_between_is_independent_of_the_common_frame(world, a, b):
     moved = se2.between(se2.compose(world, a), se2.compose(world, b))
     same(moved, se2.between(a, b))
 
@@ -168,61 +168,61 @@ def test_between_does_not_depend_on_the_frame_both_are_known_in(world, a, b):
 # Points, vectors and velocities
 
 @given(poses, points)
-def test_points_are_transformed_as_by_the_matrix(pose, point):
+def test_transform_equals_the_matrix(pose, point):
     same(se2.transform(pose, point), (homogeneous(pose) @ [*point, 1.0])[:2])
 
 
 @given(poses, poses, points)
-def test_points_go_through_two_frames_as_through_their_product(a, b, point):
+def test_transform_by_a_product_is_two_transforms(a, b, point):
     same(se2.transform(se2.compose(a, b), point), se2.transform(a, se2.transform(b, point)))
 
 
-def test_a_point_ahead_of_a_robot_facing_left_is_to_the_left():
+def test_point_ahead_of_a_robot_facing_left_is_left():
     same(se2.transform([2.0, 3.0, QUARTER], [1.0, 0.0]), [2.0, 4.0])
 
 
 @given(many_turns, many_turns, points)
-def test_rotations_add_up_and_keep_the_length(a, b, vector):
+def test_rotations_add_and_keep_lengths(a, b, vector):
     turned = se2.rotate(a, se2.rotate(b, vector))
     same(turned, se2.rotate(a + b, vector))
     same(math.hypot(*turned), math.hypot(*vector))
 
 
-def test_a_quarter_turn_takes_forward_to_left_and_left_to_backward():
+def test_quarter_turn_maps_forward_to_left():
     same(se2.rotate(QUARTER, [[1.0, 0.0], [0.0, 1.0]]), [[0.0, 1.0], [-1.0, 0.0]])
 
 
 @given(poses, twists)
-def test_a_pose_changes_at_the_rate_of_short_motions(pose, twist):
+def test_pose_rate_is_the_limit_of_short_motions(pose, twist):
     short = 1e-5 * np.array(twist)
     rise = se2.compose(pose, se2.exp(short)) - se2.compose(pose, se2.exp(-short))
     same(se2.pose_rate(pose, twist), rise / 2e-5, atol=1e-6)
 
 
-def test_driving_ahead_when_facing_left_leads_to_the_left():
+def test_forward_motion_facing_left_goes_left():
     same(se2.pose_rate([5.0, 7.0, QUARTER], [0.4, 0.0, 0.3]), [0.0, 0.4, 0.3])
 
 
 # The adjoint
 
 @given(poses, twists)
-def test_the_adjoint_conjugates(T_ab, V_b):
+def test_adjoint_conjugates(T_ab, V_b):
     V_a = se2.adjoint(T_ab) @ V_b
     conjugate = se2.compose(se2.compose(T_ab, se2.exp(V_b)), se2.inverse(T_ab))
     same(se2.exp(V_a), conjugate)
 
 
 @given(poses, poses)
-def test_the_adjoint_of_a_product_is_the_product_of_adjoints(a, b):
+def test_adjoint_of_a_product_is_the_product(a, b):
     same(se2.adjoint(se2.compose(a, b)), se2.adjoint(a) @ se2.adjoint(b))
 
 
 @given(poses)
-def test_the_adjoint_of_the_inverse_is_the_inverse_adjoint(pose):
+def test_adjoint_of_the_inverse_is_the_inverse(pose):
     same(se2.adjoint(se2.inverse(pose)) @ se2.adjoint(pose), np.eye(3))
 
 
-def test_what_is_right_of_the_centre_of_a_left_turn_moves_ahead():
+def test_point_right_of_the_centre_of_a_left_turn_moves_ahead():
     same(se2.adjoint([0.0, 1.0, 0.0]) @ [0.0, 0.0, 1.0], [1.0, 0.0, 1.0])
 
 
@@ -233,7 +233,7 @@ def test_what_is_right_of_the_centre_of_a_left_turn_moves_ahead():
 @example(math.nextafter(-math.pi, 0.0))
 @example(-0.0)
 @example(5e-324)
-def test_an_angle_inside_stays_bit_for_bit(theta):
+def test_wrap_angle_inside_is_unchanged_bit_for_bit(theta):
     wrapped = se2.wrap_angle(theta)
     assert wrapped == theta
     assert math.copysign(1.0, wrapped) == math.copysign(1.0, theta)
@@ -246,14 +246,14 @@ def test_an_angle_inside_stays_bit_for_bit(theta):
     (-3.0 * QUARTER, QUARTER),
     (2.0 * math.pi, 0.0),
 ])
-def test_an_angle_outside_comes_in_from_the_other_end(theta, wrapped):
+def test_wrap_angle_outside_continues_at_the_other_end(theta, wrapped):
     assert se2.wrap_angle(theta) == wrapped
 
 
 @given(st.floats(-1e4, 1e4))
 @example(3.0 * math.pi)
 @example(-3.0 * math.pi)
-def test_a_wrapped_angle_is_in_range_and_points_the_same_way(theta):
+def test_wrapped_angle_is_in_range_and_equivalent(theta):
     wrapped = se2.wrap_angle(theta)
     assert -math.pi < wrapped <= math.pi
     assert se2.wrap_angle(wrapped) == wrapped
@@ -261,13 +261,13 @@ def test_a_wrapped_angle_is_in_range_and_points_the_same_way(theta):
 
 
 @given(half_turns, st.integers(-1000, 1000))
-def test_whole_turns_are_taken_off(theta, turns):
+def test_wrap_angle_removes_whole_turns(theta, turns):
     off = se2.wrap_angle(theta + 2.0 * math.pi * turns) - theta
     same(math.remainder(off, 2.0 * math.pi), 0.0)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_any_finite_angle_comes_into_range(theta):
+def test_wrap_angle_of_any_finite_angle_is_in_range(theta):
     assert -math.pi < se2.wrap_angle(theta) <= math.pi
 
 
@@ -298,7 +298,7 @@ each_call = pytest.mark.parametrize(
 
 
 @each_call
-def test_arrays_are_worked_on_row_by_row_and_broadcast(function, arrays, rows):
+def test_arrays_are_processed_rowwise_and_broadcast(function, arrays, rows):
     row_by_row = np.vectorize(function, signature=rows)(*arrays)
     together = function(*arrays)
     assert together.shape == row_by_row.shape
@@ -306,7 +306,7 @@ def test_arrays_are_worked_on_row_by_row_and_broadcast(function, arrays, rows):
 
 
 @each_call
-def test_arguments_are_never_written_into(function, arrays, rows):
+def test_arguments_are_not_modified(function, arrays, rows):
     copies = [array.copy() for array in arrays]
     result = function(*arrays)
     result[...] = 99.0
@@ -315,11 +315,11 @@ def test_arguments_are_never_written_into(function, arrays, rows):
 
 
 @each_call
-def test_no_rows_give_no_rows(function, arrays, rows):
+def test_empty_arrays_give_empty_arrays(function, arrays, rows):
     assert function(*(array[:0] for array in arrays)).size == 0
 
 
-def test_whole_numbers_and_lists_are_taken_as_well():
+def test_integers_and_lists_are_accepted():
     same(se2.compose([1, 2, 0], (3, 4, 0)), [4.0, 6.0, 0.0])
 
 
@@ -353,7 +353,7 @@ def call_with(function, sizes, position, value):
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize(('function', 'sizes', 'position', 'name'), EACH_ARGUMENT)
-def test_what_is_not_finite_is_named_with_its_place(function, sizes, position, name, value):
+def test_not_finite_value_is_rejected_with_its_index(function, sizes, position, name, value):
     rows = np.zeros((2, sizes[position] or 4))
     rows[1, -1] = value
     place = f'{name}[1, {rows.shape[1] - 1}] = {value}: must be finite'
@@ -364,7 +364,7 @@ def test_what_is_not_finite_is_named_with_its_place(function, sizes, position, n
 @pytest.mark.parametrize(('function', 'sizes', 'position', 'name'), EACH_ARGUMENT)
 @pytest.mark.parametrize('value', [
     'abc', None, [1.0, 'a', 2.0], [[0.0, 1.0, 2.0], [3.0]], [True, False], [1j, 0.0]])
-def test_what_is_not_a_number_is_named_with_its_value(function, sizes, position, name, value):
+def test_value_that_is_no_number_is_rejected(function, sizes, position, name, value):
     message = f'{name} = {value!r}: must be a number or an array of numbers'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         call_with(function, sizes, position, value)
@@ -373,24 +373,24 @@ def test_what_is_not_a_number_is_named_with_its_value(function, sizes, position,
 @pytest.mark.parametrize(('function', 'sizes', 'position', 'name'), [
     each for each in EACH_ARGUMENT if each.values[1][each.values[2]]])
 @pytest.mark.parametrize('shape', [(), (0,), (4,), (3, 1)])
-def test_a_wrong_shape_is_named_with_the_right_one(function, sizes, position, name, shape):
+def test_wrong_shape_is_rejected_with_the_right_one(function, sizes, position, name, shape):
     message = f'{name} has shape {shape}: must be (..., {sizes[position]})'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         call_with(function, sizes, position, np.zeros(shape))
 
 
-def test_shapes_that_do_not_fit_together_are_refused():
+def test_shapes_that_do_not_broadcast_are_rejected():
     with pytest.raises(ValueError, match='broadcast'):
         se2.compose(np.zeros((2, 3)), np.zeros((4, 3)))
 
 
 @pytest.mark.parametrize('theta', [
     -math.pi, math.nextafter(math.pi, 4.0), 2.0 * math.pi, -7.0, 1e300])
-def test_log_refuses_a_heading_that_does_not_tell_its_whole_turns(theta):
+def test_log_rejects_headings_out_of_range(theta):
     message = f'theta = {theta}: must be in (-pi, pi], see wrap_angle'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):
         se2.log([[1.0, 2.0, 0.5], [1.0, 2.0, theta]])
 
 
-def test_log_takes_half_a_circle_to_the_left():
+def test_log_accepts_half_a_circle_to_the_left():
     same(se2.log([0.0, 2.0, math.pi]), [math.pi, 0.0, math.pi])

@@ -11,7 +11,7 @@ import pytest
 IDEAL = RobotModel(0.317, 0.0471, 0.0533, motor_time_constant=0.0, ticks_per_revolution=0)
 
 
-def test_equal_rim_speeds_drive_straight_ahead() -> None:
+def test_equal_rim_speeds_drive_straight() -> None:
     """The wheel with the smaller radius has to turn faster for it."""
     robot = SimulatedRobot(IDEAL)
     robot.command(0.5 / 0.0471, 0.5 / 0.0533)
@@ -19,7 +19,7 @@ def test_equal_rim_speeds_drive_straight_ahead() -> None:
     np.testing.assert_allclose(robot.pose, [1.5, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_standing_left_wheel_is_the_centre_of_the_circle() -> None:
+def test_standing_left_wheel_is_the_centre_of_the_circle() -> None:
     """Half a turn around it ends on its other side, a separation away to the left."""
     robot = SimulatedRobot(IDEAL)
     right = math.pi * 0.317 / 0.0533
@@ -29,7 +29,7 @@ def test_a_standing_left_wheel_is_the_centre_of_the_circle() -> None:
 
 
 @given(left=st.floats(-20.0, 20.0), right=st.floats(-20.0, 20.0))
-def test_a_constant_command_drives_a_circle_around_its_centre(left: float, right: float) -> None:
+def test_constant_command_drives_a_circle(left: float, right: float) -> None:
     """The distance from the centre of curvature stays what it was at the start."""
     robot = SimulatedRobot(IDEAL)
     robot.command(left, right)
@@ -43,7 +43,7 @@ def test_a_constant_command_drives_a_circle_around_its_centre(left: float, right
             abs(radius), rel=1e-5)
 
 
-def test_a_wheel_has_done_63_percent_of_a_change_of_speed_after_its_time_constant() -> None:
+def test_wheel_reaches_63_percent_after_its_time_constant() -> None:
     """And its angle lags the ideal one by the time constant in the end."""
     robot = SimulatedRobot(replace(IDEAL, motor_time_constant=0.13))
     robot.command(7.0, -3.0)
@@ -54,7 +54,7 @@ def test_a_wheel_has_done_63_percent_of_a_change_of_speed_after_its_time_constan
 
 
 @given(cuts=st.lists(st.floats(0.001, 0.5), min_size=1, max_size=5))
-def test_time_may_pass_in_any_pieces(cuts: list[float]) -> None:
+def test_motion_is_independent_of_time_steps(cuts: list[float]) -> None:
     """The robot does not know when it is looked at."""
     model = replace(IDEAL, motor_time_constant=0.07)
     whole, pieces = SimulatedRobot(model), SimulatedRobot(model)
@@ -67,7 +67,7 @@ def test_time_may_pass_in_any_pieces(cuts: list[float]) -> None:
     np.testing.assert_allclose(pieces.pose, whole.pose, atol=1e-5)
 
 
-def test_a_command_that_is_not_renewed_ends() -> None:
+def test_command_without_renewal_times_out() -> None:
     """The motors' own watchdog: from then on the wheels come to rest."""
     robot = SimulatedRobot(IDEAL)
     robot.command(5.0, 6.0, lasts=0.4)
@@ -76,7 +76,7 @@ def test_a_command_that_is_not_renewed_ends() -> None:
     np.testing.assert_array_equal(robot.speeds, [0.0, 0.0])
 
 
-def test_encoders_tell_whole_ticks_and_never_more_than_was_turned() -> None:
+def test_encoders_report_whole_ticks() -> None:
     """The step is a turn divided by the ticks."""
     robot = SimulatedRobot(replace(IDEAL, ticks_per_revolution=360))
     robot.command(1.0, -1.0)
@@ -85,7 +85,7 @@ def test_encoders_tell_whole_ticks_and_never_more_than_was_turned() -> None:
     np.testing.assert_allclose(ticks, [28.0, -29.0], atol=1e-9)
 
 
-def test_slip_shortens_the_way_and_not_what_the_encoders_say() -> None:
+def test_slip_shortens_the_path_but_not_encoder_angles() -> None:
     """Which is why odometry is wrong."""
     robot = SimulatedRobot(replace(IDEAL, slip=0.1))
     robot.command(0.5 / 0.0471, 0.5 / 0.0533)
@@ -95,7 +95,7 @@ def test_slip_shortens_the_way_and_not_what_the_encoders_say() -> None:
     np.testing.assert_allclose(robot.twist, [0.45, 0.0, 0.0], atol=1e-12)
 
 
-def test_the_noise_of_the_travel_has_the_variance_per_metre_that_was_asked_for() -> None:
+def test_travel_noise_has_its_variance_per_metre() -> None:
     """Whatever the step: of the heading, that of both wheels over the separation."""
     for step in (1e-3, 2e-2):
         robot = SimulatedRobot(
@@ -108,7 +108,7 @@ def test_the_noise_of_the_travel_has_the_variance_per_metre_that_was_asked_for()
         assert np.var(robot.pose[0]) == pytest.approx(0.003**2 * travelled / 2.0, rel=0.05)
 
 
-def test_the_same_seed_gives_the_same_robot_and_another_seed_another() -> None:
+def test_noise_is_determined_by_the_seed() -> None:
     """So that a test that failed fails again."""
     model = replace(IDEAL, travel_noise=0.01)
     poses = []
@@ -130,13 +130,13 @@ def test_the_same_seed_gives_the_same_robot_and_another_seed_another() -> None:
     ('slip', 1.0, 'must be below 1'),
     ('travel_noise', math.inf, 'must be finite and zero or more'),
 ])
-def test_an_impossible_robot_is_refused(name: str, value: float, rule: str) -> None:
+def test_invalid_model_is_rejected(name: str, value: float, rule: str) -> None:
     """With the name, the value and the rule."""
     with pytest.raises(ValueError, match=re.escape(f'{name} = {value}: {rule}')):
         replace(IDEAL, **{name: value})
 
 
-def test_a_command_that_is_not_finite_is_refused_and_the_last_one_stays() -> None:
+def test_not_finite_motor_command_is_rejected() -> None:
     """The physics stays finite."""
     robot = SimulatedRobot(IDEAL)
     robot.command(1.0, 2.0)

@@ -28,7 +28,7 @@ def path_with(linear, angular, **settings):
     return path
 
 
-def test_nothing_moves_before_the_first_command():
+def test_wheels_stand_still_before_the_first_command():
     path = WheelCommander(ROBOT, timeout=0.5)
     assert not path.started
     assert path.step(BOOT_NS) == STOP == WheelCommand(0.0, 0.0, 0.0, 0.0)
@@ -37,7 +37,7 @@ def test_nothing_moves_before_the_first_command():
 
 
 @given(drives, st.floats(-3.0, 3.0), st.floats(-6.0, 6.0))
-def test_a_command_gives_the_wheel_speeds_of_the_jacobian(drive, linear, angular):
+def test_wheel_speeds_are_those_of_the_jacobian(drive, linear, angular):
     path = WheelCommander(drive, timeout=0.5)
     path.accept(linear, angular, BOOT_NS)
     sent = path.step(BOOT_NS)
@@ -47,14 +47,14 @@ def test_a_command_gives_the_wheel_speeds_of_the_jacobian(drive, linear, angular
     assert path.complaint == ''
 
 
-def test_a_left_turn_slows_the_left_wheel():
+def test_command_of_a_left_turn_slows_the_left_wheel():
     straight = path_with(0.5, 0.0).step(BOOT_NS)
     turning = path_with(0.5, 0.5).step(BOOT_NS)
     assert turning.left < straight.left
     assert turning.right > straight.right
 
 
-def test_the_newest_command_counts():
+def test_newest_command_is_applied():
     path = path_with(0.5, 0.8)
     path.accept(-0.2, 0.1, BOOT_NS)
     assert path.step(BOOT_NS) == path_with(-0.2, 0.1).step(BOOT_NS)
@@ -68,7 +68,7 @@ def test_numbers_out_are_plain_floats():
 
 # Silence
 
-def test_a_command_holds_until_the_timeout_and_not_a_nanosecond_longer():
+def test_command_times_out_exactly():
     path = path_with(0.5, 0.8)
     moving = path.step(BOOT_NS)
     assert path.step(BOOT_NS + SECOND // 2) == moving
@@ -78,13 +78,13 @@ def test_a_command_holds_until_the_timeout_and_not_a_nanosecond_longer():
     assert path.started
 
 
-def test_what_has_timed_out_does_not_come_back_by_itself():
+def test_timed_out_command_stays_at_zero():
     path = path_with(0.5, 0.8)
     path.step(BOOT_NS + SECOND)
     assert path.step(BOOT_NS) == STOP
 
 
-def test_each_command_starts_the_timeout_anew():
+def test_each_command_restarts_the_timeout():
     path = path_with(0.5, 0.8)
     moving = path.step(BOOT_NS)
     for tenths in range(4, 40, 4):
@@ -92,13 +92,13 @@ def test_each_command_starts_the_timeout_anew():
         assert path.step(BOOT_NS + (tenths + 4) * SECOND // 10) == moving
 
 
-def test_a_timeout_of_zero_is_none():
+def test_timeout_of_zero_is_no_timeout():
     path = path_with(0.5, 0.8, timeout=0.0)
     assert path.step(BOOT_NS + 10**6 * SECOND) == path_with(0.5, 0.8).step(BOOT_NS)
     assert path.complaint == ''
 
 
-def test_a_timeout_can_be_changed_while_driving():
+def test_timeout_change_takes_effect_while_driving():
     path = path_with(0.5, 0.8, timeout=0.0)
     path.timeout = 2.0
     assert path.step(BOOT_NS + 2 * SECOND).linear > 0.0
@@ -106,20 +106,20 @@ def test_a_timeout_can_be_changed_while_driving():
 
 
 @pytest.mark.parametrize('zero', [0.0, -0.0])
-def test_a_command_to_stand_still_makes_no_complaint_when_it_has_timed_out(zero):
+def test_timeout_of_a_zero_command_has_no_warning(zero):
     path = path_with(zero, zero)
     assert path.step(BOOT_NS + 60 * SECOND) == STOP
     assert path.complaint == ''
 
 
 @pytest.mark.parametrize(('linear', 'angular'), [(0.5, 0.0), (0.0, 0.8), (-0.5, 0.0)])
-def test_every_motion_times_out(linear, angular):
+def test_every_nonzero_command_times_out(linear, angular):
     path = path_with(linear, angular)
     assert path.step(BOOT_NS + SECOND) == STOP
     assert path.complaint == 'no command for 0.5 s'
 
 
-def test_the_next_command_after_silence_drives_again():
+def test_next_command_after_a_timeout_is_applied():
     path = path_with(0.5, 0.8)
     path.step(BOOT_NS + SECOND)
     path.accept(0.5, 0.8, BOOT_NS + 2 * SECOND)
@@ -139,7 +139,7 @@ UNDRIVABLE = [
 @pytest.mark.parametrize(('linear', 'angular'), UNDRIVABLE)
 @pytest.mark.parametrize('limit', [None, 20.0])
 @pytest.mark.filterwarnings('error')
-def test_what_is_not_finite_stops_the_wheels_at_once_and_says_so(linear, angular, limit):
+def test_not_finite_command_stops_the_wheels_with_a_warning(linear, angular, limit):
     path = path_with(0.5, 0.8, max_wheel_speed=limit)
     path.step(BOOT_NS)
     path.accept(linear, angular, BOOT_NS + 1)
@@ -150,7 +150,7 @@ def test_what_is_not_finite_stops_the_wheels_at_once_and_says_so(linear, angular
 
 
 @pytest.mark.parametrize(('linear', 'angular'), UNDRIVABLE)
-def test_the_next_good_command_drives_again(linear, angular):
+def test_next_finite_command_is_applied(linear, angular):
     path = path_with(linear, angular)
     path.step(BOOT_NS)
     path.accept(0.5, 0.8, BOOT_NS)
@@ -158,7 +158,7 @@ def test_the_next_good_command_drives_again(linear, angular):
     assert path.complaint == ''
 
 
-def test_a_first_command_that_is_not_finite_is_a_command_to_stop():
+def test_not_finite_first_command_is_a_stop():
     path = path_with(math.nan, 0.0)
     assert path.started
     assert path.step(BOOT_NS) == STOP
@@ -167,7 +167,7 @@ def test_a_first_command_that_is_not_finite_is_a_command_to_stop():
 # The limit of the wheels
 
 @given(st.floats(-3.0, 3.0), st.floats(-6.0, 6.0), st.floats(0.1, 100.0))
-def test_a_limit_keeps_the_curve_and_the_applied_twist_tells_the_truth(linear, angular, limit):
+def test_saturation_keeps_curvature_and_reports_the_twist(linear, angular, limit):
     sent = path_with(linear, angular, max_wheel_speed=limit).step(BOOT_NS)
     assert max(abs(sent.left), abs(sent.right)) <= limit
     same(sent.linear * angular, sent.angular * linear)
@@ -176,7 +176,7 @@ def test_a_limit_keeps_the_curve_and_the_applied_twist_tells_the_truth(linear, a
     same([sent.linear, sent.angular], ROBOT.body_twist(sent.left, sent.right))
 
 
-def test_a_limit_is_used_in_full_and_slows_no_one_below_it():
+def test_speeds_below_saturation_are_unchanged():
     free = path_with(0.5, 0.8).step(BOOT_NS)
     limited = path_with(0.5, 0.8, max_wheel_speed=free.right / 2.0).step(BOOT_NS)
     same([limited.left, limited.right], [free.left / 2.0, free.right / 2.0])
@@ -184,7 +184,7 @@ def test_a_limit_is_used_in_full_and_slows_no_one_below_it():
     assert path_with(0.5, 0.8, max_wheel_speed=free.right).step(BOOT_NS) == free
 
 
-def test_a_limit_can_be_changed_while_driving():
+def test_limit_change_takes_effect_while_driving():
     path = path_with(0.5, 0.8)
     path.max_wheel_speed = 1.0
     assert path.step(BOOT_NS).right == 1.0
@@ -193,7 +193,7 @@ def test_a_limit_can_be_changed_while_driving():
 @given(st.lists(st.tuples(anything, anything, times), max_size=8), times, st.floats(1e-3, 1e3))
 @example([(1.7e308, 0.0, 0)], 0, 20.0)
 @example([(1e300, -1e300, 0)], 0, 20.0)
-def test_whatever_comes_the_wheels_get_finite_speeds_within_the_limit(commands, last_ns, limit):
+def test_wheel_speeds_are_finite_and_within_the_limit(commands, last_ns, limit):
     path = WheelCommander(ROBOT, timeout=0.5, max_wheel_speed=limit)
     for linear, angular, now_ns in commands:
         path.accept(linear, angular, now_ns)
@@ -207,7 +207,7 @@ def test_whatever_comes_the_wheels_get_finite_speeds_within_the_limit(commands, 
 @given(drives, anything, anything)
 @example(ROBOT, 1e308, 1e308)
 @example(DiffDrive(1.0, 2.0, 2.0), 1.2e308, 0.0)
-def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular):
+def test_wheel_speeds_without_a_limit_are_finite(drive, linear, angular):
     path = WheelCommander(drive, timeout=0.5)
     path.accept(linear, angular, BOOT_NS)
     sent = path.step(BOOT_NS)
@@ -215,7 +215,7 @@ def test_without_a_limit_the_wheels_get_finite_speeds_too(drive, linear, angular
 
 
 @given(late_ns=st.integers(0, 10**10), timeout=st.floats(0.05, 3.0))
-def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) -> None:
+def test_latency_of_a_command_shortens_its_timeout(late_ns: int, timeout: float) -> None:
     """The timeout runs from when a command was sent, not from when it came."""
     path = WheelCommander(ROBOT, timeout=timeout)
     path.accept(0.2, 0.1, BOOT_NS, late_ns)
@@ -231,7 +231,7 @@ def test_a_late_command_is_too_old_as_much_sooner(late_ns: int, timeout: float) 
     assert path.step(end + 2) == STOP
 
 
-def test_what_comes_too_late_does_not_drive_but_stops() -> None:
+def test_late_command_may_stop_but_not_drive() -> None:
     """A stop is taken however old it is; a drive of another driver goes on until then."""
     path = WheelCommander(ROBOT, timeout=0.5)
     path.accept(0.2, 0.1, BOOT_NS)
@@ -242,7 +242,7 @@ def test_what_comes_too_late_does_not_drive_but_stops() -> None:
     assert path.step(BOOT_NS + 4) == STOP
 
 
-def test_without_a_timeout_no_command_is_too_old() -> None:
+def test_late_command_without_a_timeout_is_applied() -> None:
     """Whoever sets it to zero wants the last command to hold, whenever it comes."""
     path = WheelCommander(ROBOT, timeout=0.0)
     path.accept(0.2, 0.1, BOOT_NS, late_ns=10**12)
@@ -250,7 +250,7 @@ def test_without_a_timeout_no_command_is_too_old() -> None:
 
 
 @given(st.lists(st.integers(1, 5), min_size=30, max_size=30))
-def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> None:
+def test_limits_are_per_second_despite_missed_steps(gaps: list[int]) -> None:
     """A machine that is too busy for the rate stops the robot as soon as one that is not."""
     path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=1.0, max_deceleration=-1.0), period=0.02)
@@ -269,7 +269,7 @@ def test_limits_are_per_second_though_steps_are_left_out(gaps: list[int]) -> Non
 
 
 @given(st.floats(0.05, 50.0), st.booleans())
-def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new: bool) -> None:
+def test_pause_of_the_process_counts_as_deceleration_time(pause: float, is_new: bool) -> None:
     """The wheels go on from where the robot would be, and not from where it was long ago."""
     path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=4.0, max_deceleration=-0.4), period=0.02)
@@ -292,7 +292,7 @@ def test_a_pause_of_the_process_counts_as_time_to_slow_down(pause: float, is_new
 
 
 @given(st.sampled_from([1.0, 5.0, 6.0, 10.0, 25.0]))
-def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pace: float) -> None:
+def test_fast_or_coarse_clock_still_reaches_the_speed(pace: float) -> None:
     """A step that is longer than five periods is no pause, while commands are to hold."""
     path = WheelCommander(
         ROBOT, timeout=0.5, linear_limits=AxisLimits(max_acceleration=1.0), period=0.02)
@@ -303,7 +303,7 @@ def test_a_clock_that_runs_fast_or_ticks_seldom_keeps_no_robot_from_its_speed(pa
     assert sent.linear == pytest.approx(1.0)
 
 
-def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
+def test_clock_change_stops_by_the_deceleration_limit() -> None:
     """Between two clocks no time can be told."""
     path = WheelCommander(
         ROBOT, timeout=0.0, linear_limits=AxisLimits(max_acceleration=2.0), period=0.02)
@@ -317,7 +317,7 @@ def test_a_change_of_clock_stops_by_the_deceleration_limit() -> None:
 
 
 @given(st.lists(st.integers(0, 25), min_size=1, max_size=80))
-def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) -> None:
+def test_step_jitter_does_not_exceed_the_acceleration_limit(millis: list[int]) -> None:
     """Nor does a simulated clock that ticks more slowly than the commands go out."""
     path = WheelCommander(ROBOT, timeout=0.0, linear_limits=AxisLimits(
         max_velocity=5.0, max_acceleration=1.5), period=0.02)
@@ -329,7 +329,7 @@ def test_no_jitter_of_the_steps_speeds_up_beyond_the_limit(millis: list[int]) ->
         assert path.step(now).linear <= 1.5 * (0.02 + (now - BOOT_NS) * 1e-9) + 1e-6
 
 
-def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
+def test_inhibit_stops_the_wheels_despite_a_clock_stall() -> None:
     """A /clock that has died is a reason to stop, by the deceleration limit."""
     path = WheelCommander(ROBOT, timeout=0.5, linear_limits=AxisLimits(
         max_velocity=2.0, max_acceleration=5.0, max_deceleration=-2.0), period=0.02)
@@ -343,7 +343,7 @@ def test_a_hold_stops_the_wheels_though_time_stands_still() -> None:
 
 
 @given(st.lists(st.integers(2, 120), min_size=1, max_size=60))
-def test_the_jerk_is_limited_whatever_the_steps_take(millis: list[int]) -> None:
+def test_jerk_is_limited_for_any_period(millis: list[int]) -> None:
     """The acceleration changes by no more than the jerk times the time."""
     path = WheelCommander(ROBOT, timeout=0.0, linear_limits=AxisLimits(
         max_velocity=1000.0, max_jerk=20.0), period=0.025)
@@ -356,7 +356,7 @@ def test_the_jerk_is_limited_whatever_the_steps_take(millis: list[int]) -> None:
         before, acceleration = speed, (speed - before) / seconds
 
 
-def test_to_hold_for_a_moment_forgets_the_command() -> None:
+def test_short_inhibit_discards_the_command() -> None:
     """Also when the hold has ended before the next step."""
     path = path_with(0.5, 0.8)
     path.step(BOOT_NS)
