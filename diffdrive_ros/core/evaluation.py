@@ -1,10 +1,10 @@
 """
-Odometry against a reference: how far off it is, along the way and at the end.
+Evaluation of odometry against a reference: errors along the path and at its end.
 
-Poses are of the same moments, (N, 3). Errors of position are in m, of heading in rad. ATE and RPE
-are root mean squares as of Sturm et al., A Benchmark for the Evaluation of RGB-D SLAM Systems
-(2012): the ATE is theirs when aligned by the path, and larger by the start, as here unless it is
-said otherwise; the RPE, which knows no alignment, is by distance driven.
+Poses, (N, 3), are of the same timestamps. Position errors are in m, heading errors in rad. ATE and
+RPE are root mean squares as of Sturm et al., A Benchmark for the Evaluation of RGB-D SLAM Systems
+(2012). The ATE is theirs with the alignment path; it is larger with start, the default. The RPE
+needs no alignment and is by distance driven.
 """
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -21,7 +21,7 @@ DISTANCES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 @dataclass(frozen=True)
 class RelativeError:
-    """Errors over all parts of the way that are so long [m]."""
+    """Errors over all parts of the path of one length [m]."""
 
     distance: float
     position: float
@@ -31,7 +31,7 @@ class RelativeError:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a comparison says; nees are means of e^T P^-1 e / 3, None without covariances."""
+    """Errors of a trajectory; nees are means of e^T P^-1 e / 3, None without covariances."""
 
     length: float
     final_position: float
@@ -52,8 +52,8 @@ def align(poses: Array, reference: Array, how: str) -> Array:
     """
     Return the pose of odometry's frame in the reference's, (3,).
 
-    how: start takes the first pose of both for the same; path is the rigid motion that brings the
-    positions closest (Umeyama 1991, in the plane, without scale); none, both frames are one.
+    how: start aligns the first poses; path is the rigid motion that minimises the distances of the
+    positions (Umeyama 1991, in the plane, without scale); none is the identity.
     """
     if how == 'none':
         return np.zeros(3)
@@ -72,9 +72,9 @@ def evaluate(
     distances: Sequence[float] = DISTANCES,
 ) -> Evaluation:
     """
-    Return the figures of odometry's poses against the reference's.
+    Return the errors of odometry's poses against the reference's.
 
-    covariances, (N, 3, 3): of the poses in odometry's frame, with what is unsure of the reference.
+    covariances, (N, 3, 3): of the poses in odometry's frame, that of the reference included.
     """
     frame = align(poses, reference, how)
     # Errors in odometry's frame, where its covariance is.
@@ -94,7 +94,7 @@ def evaluate(
             _relative(poses, reference, way, distance)
             for distance in distances if distance <= way[-1]),
         nees_final=None if nees is None else float(nees[-1]) / 3.0,
-        # The first error is zero where the first poses are taken for the same.
+        # The first error is zero with the alignment start.
         nees_mean=None if nees is None else float(nees[1:].mean()) / 3.0)
 
 

@@ -1,54 +1,53 @@
 """
-How late a message comes, though the clock of its sender need not be that of this computer.
+Latency of messages whose senders may have clock offsets.
 
-A message tells when it was sent, by the sender's clock; the difference to the time of its arrival
-is that of the clocks plus the transit. Where both are the same, or keep the same time, it is the
-transit alone. A message that differs by more is late (DDS sends again what a broken link has
-swallowed, a full queue is emptied, a process that was stopped goes on), or its sender has another
-clock. One message cannot tell which. Old ones that are delivered at last come less and less late;
-if it stays the same for a second, it is a clock, and its messages are held against the quickest of
-them. All times are in ns.
+A message has a stamp of its sender's clock. The difference of receipt and stamp is the clock
+offset plus the latency; for synchronous clocks it is the latency alone. A message with a larger
+difference is late (DDS resends after a link loss, a full queue empties, a stopped process
+continues), or its sender has a clock offset. One message alone is ambiguous. In a backlog the
+differences decrease. If the difference is constant for a second, it is a clock offset, and the
+latency is relative to the quickest message of that clock. All times are in ns.
 """
 from collections import deque
 from dataclasses import dataclass
 
 ALIKE_NS = 200_000_000
-"""What Wi-Fi trembles by, and no clock that keeps network time is wrong by."""
+"""Above the jitter of Wi-Fi and the offset of a clock that is synchronised by network."""
 
 PATIENCE_NS, PAUSE_NS = 1_000_000_000, 1_000_000_000
-"""So long another clock has to be heard until it is believed, and without a longer pause."""
+"""The time until a clock offset is accepted, and the longest gap of messages in it."""
 
 MOST_DOUBLINGS, HOUR_NS = 5, 3_600_000_000_000
-"""Twice as long for each clock that was believed within an hour: a link that becomes slower and
-slower does not get far. A clock that was not heard for as long is forgotten."""
+"""That time doubles for each clock offset accepted within an hour, as a guard against a link that
+becomes slower and slower. A clock without messages for an hour is discarded."""
 
 DRIFT, MOST_DRIFT_NS = 5e-4, 100_000_000
-"""Two clocks drift apart by no more: what the network time protocol may slew, and for how long."""
+"""Maximum drift between two clocks: the slew rate of NTP, and its total."""
 
 MOST_CLOCKS = 8
 
 
 @dataclass
 class _Clock:
-    """A clock that messages are sent by, as they show it."""
+    """The clock of a sender, as estimated from its messages."""
 
     difference_ns: int
-    """The least between sending, by this clock, and arrival."""
+    """The smallest difference of receipt and stamp."""
     heard_ns: int
     room_ns: int
-    """How much sooner than by the quickest transit a message may come, and still be of it."""
+    """How much earlier than the quickest message another may be, and be of this clock."""
     believed_ns: int = 0
 
     def drift_ns(self, now_ns: int) -> int:
-        """Return how far it may have drifted since it was heard."""
+        """Return the possible drift since its last message."""
         return min(round(DRIFT * (now_ns - self.heard_ns)), MOST_DRIFT_NS)
 
     def lateness(self, difference_ns: int, now_ns: int) -> int:
-        """Return how much later than by the quickest transit a message comes."""
+        """Return the latency of a message relative to the quickest one."""
         return difference_ns - self.difference_ns - self.drift_ns(now_ns)
 
     def hear(self, difference_ns: int, now_ns: int, most_room_ns: int) -> None:
-        """Take a message of it; what comes sooner and sooner, as a backlog does, is not."""
+        """Update it by a message; a backlog, which is earlier and earlier, uses its room up."""
         moved_ns = min(difference_ns - self.difference_ns, self.drift_ns(now_ns))
         used_ns = max(-moved_ns - self.drift_ns(now_ns), 0) if moved_ns < 0 else -moved_ns
         self.room_ns = min(self.room_ns - used_ns, most_room_ns)
@@ -57,7 +56,7 @@ class _Clock:
 
 @dataclass
 class _Candidate:
-    """Messages that may be of another clock."""
+    """Messages of a possible clock offset."""
 
     first_difference_ns: int
     least_difference_ns: int
@@ -67,10 +66,9 @@ class _Candidate:
 
 class Lateness:
     """
-    The clocks that messages on a topic are sent by: this computer's, and others.
+    The clocks of the senders on a topic: this computer's, and others with an offset.
 
-    Messages of one clock differ by less than alike_ns, for the most part; clocks that do are as
-    good as one.
+    Differences of one clock mostly vary by less than alike_ns; clocks closer than that are one.
     """
 
     def __init__(self, alike_ns: int = ALIKE_NS) -> None:
@@ -80,11 +78,10 @@ class Lateness:
 
     def of(self, sent_ns: int, now_ns: int, wall_ns: int) -> tuple[int, int]:
         """
-        Return how late a message is, and of how late a one another clock is believed just now.
+        Return the latency of a message, and the clock offset that it makes accepted, or 0.
 
-        now_ns is of a clock that nobody sets, wall_ns that of the computer. A message that comes
-        before it was sent, by all clocks that are known, is late by less than nothing. Both are
-        0 for a message that does not tell when it was sent.
+        now_ns is of a monotonic clock, wall_ns of the wall clock. The latency is negative if the
+        stamp is in the future by all accepted clocks. Both are 0 for a message without a stamp.
         """
         if sent_ns <= 0:
             return 0, 0
@@ -102,9 +99,9 @@ class Lateness:
         return late_ns, 0
 
     def _is_another_clock(self, difference_ns: int, now_ns: int) -> bool:
-        """Return whether a message shows, with others before it, a clock that is believed now."""
+        """Return whether a message, with those before it, makes a clock offset accepted."""
         for candidate in self._candidates:
-            # A backlog that is worked off comes sooner and sooner: so the first is what counts.
+            # In a backlog the differences decrease: so each is compared with the first.
             if (abs(difference_ns - candidate.first_difference_ns) <= self.alike_ns
                     and now_ns - candidate.heard_ns <= PAUSE_NS):
                 break

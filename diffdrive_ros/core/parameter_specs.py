@@ -238,7 +238,7 @@ ODOMETRY = (
     ParameterSpec(
         'left_wheel_travel_variance', _NOISE.left_travel, 'm^2/m',
         "Variance of the left wheel's travel over the floor per metre driven. Too small: filters "
-        'trust odometry that has slipped away.', _NOT_NEGATIVE),
+        'trust odometry despite slip.', _NOT_NEGATIVE),
     ParameterSpec(
         'right_wheel_travel_variance', _NOISE.right_travel, 'm^2/m',
         "Variance of the right wheel's travel over the floor per metre driven.", _NOT_NEGATIVE),

@@ -1,14 +1,14 @@
 """
-Ten million messages through the pure modules, most of them valid, the others anything. A script.
+Fuzz the core with ten million messages, most of them valid, the others arbitrary. A script.
 
-An episode is one robot with settings of its own and some hundreds of messages; its number and the
-seed are all that it comes from. Two thirds of the episodes, of wheel messages, go through
-WheelFeedback into Odometry as in the node: stretches of rubbish, of which nothing is asked but
-that nothing breaks and all that comes out is finite, and stretches of valid messages. Those have
-to be answered from the fourth on at the latest, and then each exactly: the angles by what the
-wheels did, the poses by integrate(), the twists by the Jacobian. The others go through
+An episode is one robot with random settings and some hundreds of messages, determined by its
+number and the seed. Two thirds of the episodes send wheel messages through WheelFeedback into
+Odometry as the node does. Invalid sequences must raise nothing, and all results must be finite.
+Valid sequences must give a sample from the fourth message on at the latest, and then each one
+exactly: the angles by the true wheels, the poses by integrate(), the twists by the Jacobian. The
+other episodes send commands through
 WheelCommander, with inhibits, timeouts and live changes of every setting, against a model of when
-zero is due.
+zero is expected.
 """
 import argparse
 from array import array
@@ -30,24 +30,24 @@ from diffdrive_ros.core.wheel_feedback import WheelFeedback, WheelSample
 import numpy as np
 
 SECOND = 1_000_000_000
-KEPT_APART = 2 * SECOND  # what the stamps of rubbish keep from those of a valid stretch
-NOT_BELIEVED = math.nan, math.inf, -math.inf, 1e308, -1e308, 1e12, -1e12
-EXTREMES = *NOT_BELIEVED, 9.9e11, 5e-324, -0.0, 1e-300
-SYNCHRONISED_AFTER = 4  # valid messages at most, whatever came before
+STAMP_GAP_NS = 2 * SECOND  # between the stamps of invalid and of valid sequences
+REJECTED_VALUES = math.nan, math.inf, -math.inf, 1e308, -1e308, 1e12, -1e12
+EXTREMES = *REJECTED_VALUES, 9.9e11, 5e-324, -0.0, 1e-300
+SYNCHRONISED_AFTER = 4  # valid messages at most, after any invalid ones
 
 
 class WrongError(Exception):
-    """The package did something that it should not have."""
+    """A wrong result of the package."""
 
 
-def demand(is_so: bool, what: str, *values: object) -> None:
-    """Raise WrongError, with the values, unless something is so."""
-    if not is_so:
+def demand(is_true: bool, what: str, *values: object) -> None:
+    """Raise WrongError, with the values, unless a condition is true."""
+    if not is_true:
         raise WrongError(f'{what}: {", ".join(map(repr, values))}')
 
 
 class Episode:
-    """What both kinds of episodes have: chance, and a memory of the last calls."""
+    """The common part of both kinds of episodes: random numbers, and a log of the last calls."""
 
     def __init__(self, seed: int, number: int) -> None:
         self.random = random.Random(f'{seed} {number}')
@@ -55,7 +55,7 @@ class Episode:
         self.messages = self.valid = 0
 
     def drive(self) -> DiffDrive:
-        """Return a robot, from a matchbox to a lorry."""
+        """Return a robot of 3 cm to 10 m."""
         size = 10.0 ** self.random.uniform(-1.5, 1.0)
         radius = size * self.random.uniform(0.05, 0.5)
         return DiffDrive(size, radius * self.random.uniform(0.8, 1.2), radius)
@@ -79,31 +79,31 @@ class FeedbackEpisode(Episode):
             left_names=self.left, right_names=self.right, position_feedback=self.by_position,
             left_direction=self.directions[0], right_direction=self.directions[1],
             encoder_wrap=self.wrap, max_plausible_speed=self.fastest)
-        self.is_wild = draw.random() < 0.5  # in its rubbish
+        self.has_extremes = draw.random() < 0.5  # in its invalid sequences
         self.window = draw.choice((1, 2, 10))
         self.odometry = Odometry(
             self.drive(), window=self.window,
             noise=WheelNoise(*(10.0 ** draw.uniform(-7.0, -2.0) for _ in range(3))),
             geometry_uncertainty=draw.choice((None, GeometryUncertainty(1e-3, 1e-4, 2e-4))))
         self.now = draw.randrange(3 * 10**18)
-        self.rubbish_ns: set[int] = set()
+        self.invalid_stamps_ns: set[int] = set()
         self.samples = 0
-        # Of each wheel: what the joint says, what it has turned forward, and when it last spoke.
+        # Of each wheel: position of the joint, forward angle, and last stamp.
         self.counter = [draw.uniform(-1e3, 1e3) for _ in self.names]
         self.turned = [0.0] * len(self.names)
-        self.heard = [0] * len(self.names)
+        self.stamps = [0] * len(self.names)
 
     def run(self) -> None:
-        """Take turns."""
+        """Alternate invalid and valid sequences."""
         for _ in range(6):
             if self.random.random() < 0.8:
-                self.rubbish(self.random.randrange(1, 25))
-            self.stretch(self.random.randrange(25, 100))
+                self.invalid_sequence(self.random.randrange(1, 25))
+            self.valid_sequence(self.random.randrange(25, 100))
         demand(self.feedback.samples == self.samples, 'samples were miscounted',
                self.feedback.samples, self.samples)
 
-    def say(self, names: list[str], values: list[float], stamp_ns: int) -> WheelSample | None:
-        """Send a message, and its sample on to the odometry, as the node does."""
+    def send(self, names: list[str], values: list[float], stamp_ns: int) -> WheelSample | None:
+        """Process a message, and its sample by the odometry, as the node does."""
         self.messages += 1
         self.calls.append((names, values, stamp_ns))
         given: object = values
@@ -120,8 +120,8 @@ class FeedbackEpisode(Episode):
         self.is_new = self.odometry.update(sample.left, sample.right, sample.stamp_ns)
         return sample
 
-    def rubbish(self, count: int) -> None:
-        """Send anything."""
+    def invalid_sequence(self, count: int) -> None:
+        """Send arbitrary messages."""
         draw = self.random
         for _ in range(count):
             names = [*self.names, 'arm', 'hand']
@@ -129,33 +129,33 @@ class FeedbackEpisode(Episode):
             names = names[:draw.randrange(len(names) + 1)] if draw.random() < 0.4 else names
             if names and draw.random() < 0.1:
                 names.append(names[0])
-            values = [self.rubbish_value(name) for name in names]
+            values = [self.arbitrary_value(name) for name in names]
             if draw.random() < 0.2:
                 values = values[:draw.randrange(len(values) + 1)]
             stamp_ns = self.now + draw.choice((
                 0, 1, -1, draw.randrange(-SECOND, SECOND), draw.randrange(-10**13, 10**13),
                 -SECOND, 10**8, 10**8, -2**62, 2**62))
-            self.rubbish_ns.add(stamp_ns)
-            if self.say(names, values, stamp_ns):
+            self.invalid_stamps_ns.add(stamp_ns)
+            if self.send(names, values, stamp_ns):
                 self.demand_finite()
             if draw.random() < 0.5:
                 self.now += draw.randrange(10**8)
             if draw.random() < 0.1:
                 self.odometry.reset((1.0, 2.0, 3.0), np.diag((0.1, 0.2, 0.3)))
 
-    def rubbish_value(self, name: str) -> float:
-        """Return what a joint might say, or might not."""
+    def arbitrary_value(self, name: str) -> float:
+        """Return an arbitrary value of a joint."""
         draw = self.random
         kind = draw.random()
         if kind < 0.2:
-            return draw.choice(EXTREMES if self.is_wild else NOT_BELIEVED)
+            return draw.choice(EXTREMES if self.has_extremes else REJECTED_VALUES)
         if kind < 0.4 or name not in self.names:
             return draw.uniform(-1.0, 1.0) * 10.0 ** draw.uniform(
-                -3.0, 13.0 if self.is_wild else 3.0)
+                -3.0, 13.0 if self.has_extremes else 3.0)
         return self.counter[self.names.index(name)] + draw.uniform(-1.0, 1.0)
 
     def demand_finite(self) -> None:
-        """Check that all that the node would publish is finite, and each variance positive."""
+        """Check that all published values are finite, and each variance positive."""
         odometry = self.odometry
         for part in (odometry.pose, odometry.twist):
             demand(bool(np.isfinite(part).all()), 'pose or twist', part)
@@ -163,26 +163,26 @@ class FeedbackEpisode(Episode):
             demand(bool(np.isfinite(part).all() and (np.diag(part) > 0.0).all()),
                    'covariance', part.tolist())
 
-    def stretch(self, count: int) -> None:
-        """Send valid messages, and check what they are answered with."""
+    def valid_sequence(self, count: int) -> None:
+        """Send valid messages, and check their samples."""
         draw = self.random
-        # A stamp that is old by less than a second is passed over, rightly: keep away from those.
-        for stamp_ns in sorted(self.rubbish_ns):
-            if self.now <= stamp_ns <= self.now + KEPT_APART:
+        # An out-of-order stamp is dropped by design: keep away from those.
+        for stamp_ns in sorted(self.invalid_stamps_ns):
+            if self.now <= stamp_ns <= self.now + STAMP_GAP_NS:
                 self.now = stamp_ns + 1
-        self.rubbish_ns.clear()
+        self.invalid_stamps_ns.clear()
         self.turned = [0.0] * len(self.names)
-        self.heard = [self.now] * len(self.names)
+        self.stamps = [self.now] * len(self.names)
         if self.by_position and self.wrap:
             self.counter = [value % self.wrap for value in self.counter]
         sample = None
         for tried in range(SYNCHRONISED_AFTER):
             self.move(draw.randrange(1_000_000, 50_000_000))
-            sample = self.whole()
+            sample = self.one_message()
             if sample:
                 break
-            demand(tried + 1 < SYNCHRONISED_AFTER, 'valid messages stay without an answer')
-        demand(self.is_new, 'a valid sample is not new to the odometry')
+            demand(tried + 1 < SYNCHRONISED_AFTER, 'valid messages give no sample')
+        demand(self.is_new, 'a valid sample is out of order to the odometry')
         if draw.random() < 0.3:
             self.odometry.drive = self.drive()
         start = draw.uniform(-9.0, 9.0), draw.uniform(-9.0, 9.0), draw.uniform(-3.0, 3.0)
@@ -191,9 +191,9 @@ class FeedbackEpisode(Episode):
         stamps, poses = [sample.stamp_ns], [self.odometry.pose]
         for _ in range(count):
             self.move(draw.randrange(1_000_000, 200_000_000))
-            sample = self.apart() if draw.random() < 0.1 else self.whole()
+            sample = self.separate_messages() if draw.random() < 0.1 else self.one_message()
             demand(sample is not None and sample.stamp_ns == self.now and self.is_new
-                   and sample.time_reset_ns is None, 'not answered', sample, self.now)
+                   and sample.time_reset_ns is None, 'no sample', sample, self.now)
             truth.append(self.truth())
             close = 1e-9 + 1e-14 * self.furthest()
             for side, angle in enumerate((sample.left, sample.right)):
@@ -202,16 +202,16 @@ class FeedbackEpisode(Episode):
             stamps.append(self.now)
             poses.append(self.odometry.pose)
         self.valid += count
-        self.judge(np.array(truth), np.array(poses), stamps, start, close * count)
+        self.check_poses(np.array(truth), np.array(poses), stamps, start, close * count)
         self.demand_finite()
 
-    def judge(self, truth: np.ndarray, poses: np.ndarray, stamps: list[int],
+    def check_poses(self, truth: np.ndarray, poses: np.ndarray, stamps: list[int],
               start: tuple[float, float, float], close: float) -> None:
-        """Compare poses and the last twist with those of the wheels' true angles."""
+        """Compare poses and the last twist with those of the true wheel angles."""
         drive = self.odometry.drive
         expected = integrate(drive, truth[:, 0], truth[:, 1], start)
         travel = np.abs(np.diff(truth, axis=0)).sum() * drive.right_wheel_radius
-        # An error of the heading, from angles that are resolved no better, carries over the way.
+        # A heading error by the resolution of the angles grows along the path.
         tolerance = close * (1.0 + drive.right_wheel_radius) * (
             1.0 + travel) * (1.0 + drive.right_wheel_radius / drive.wheel_separation)
         off = np.abs(poses - expected).max()
@@ -223,7 +223,7 @@ class FeedbackEpisode(Episode):
         demand(off < 10.0 * tolerance / seconds, 'twist', self.odometry.twist, twist)
 
     def furthest(self) -> float:
-        """Return the largest angle of a wheel: rubbish, once believed, costs resolution."""
+        """Return the largest wheel angle: an accepted extreme costs resolution."""
         return max(abs(wheel.angle) for wheel in self.feedback._wheels.values())
 
     def truth(self) -> tuple[float, float]:
@@ -232,24 +232,24 @@ class FeedbackEpisode(Episode):
         return sum(self.turned[:half]) / half, sum(self.turned[half:]) / half
 
     def move(self, elapsed_ns: int) -> None:
-        """Let time pass, and choose how fast the wheels turn in it."""
+        """Advance the time, and choose the wheel speeds in it."""
         self.now += elapsed_ns
         seconds = elapsed_ns * 1e-9
         fastest = self.fastest or 100.0
         if self.by_position and self.wrap:
             fastest = min(fastest, 0.49 * self.wrap / seconds)
         uniform = self.random.uniform
-        # A little below, for the time may be counted from the other wheel's message.
+        # A margin, because the time may count from the other wheel's message.
         self.speeds = [0.9 * uniform(-fastest, fastest) for _ in self.names]
         self.elapsed_ns = elapsed_ns
 
     def value_of(self, wheel: int, stamp_ns: int) -> float:
-        """Turn a wheel until a time, and return what its joint says then."""
+        """Turn a wheel until a time, and return the value of its joint."""
         direction = self.directions[wheel >= len(self.left)]
         if not self.by_position:
-            # Speeds count since the wheel's last message.
-            elapsed_ns = stamp_ns - self.heard[wheel]
-            self.heard[wheel] = stamp_ns
+            # Velocities are integrated since the wheel's last message.
+            elapsed_ns = stamp_ns - self.stamps[wheel]
+            self.stamps[wheel] = stamp_ns
             self.turned[wheel] += self.speeds[wheel] * elapsed_ns * 1e-9
             return direction * self.speeds[wheel]
         step = self.speeds[wheel] * self.elapsed_ns * 1e-9
@@ -259,7 +259,7 @@ class FeedbackEpisode(Episode):
             self.counter[wheel] %= self.wrap
         return self.counter[wheel]
 
-    def whole(self) -> WheelSample | None:
+    def one_message(self) -> WheelSample | None:
         """Send all wheels in one message, in any order, among other joints."""
         values = [self.value_of(wheel, self.now) for wheel in range(len(self.names))]
         names = self.names
@@ -267,24 +267,24 @@ class FeedbackEpisode(Episode):
             pairs = [*zip(names, values, strict=True), ('arm', math.nan)]
             self.random.shuffle(pairs)
             names, values = (list(part) for part in zip(*pairs, strict=True))
-        return self.say(names, values, self.now)
+        return self.send(names, values, self.now)
 
-    def apart(self) -> WheelSample | None:
+    def separate_messages(self) -> WheelSample | None:
         """Send each wheel in a message of its own; the last one completes the sample."""
         wheels = list(range(len(self.names)))
         self.random.shuffle(wheels)
         sample = None
         for left in reversed(range(len(wheels))):
-            demand(sample is None, 'half a sample was answered', sample)
+            demand(sample is None, 'an incomplete sample was returned', sample)
             wheel = wheels[left]
             stamp_ns = self.now - left
-            sample = self.say([self.names[wheel]], [self.value_of(wheel, stamp_ns)], stamp_ns)
+            sample = self.send([self.names[wheel]], [self.value_of(wheel, stamp_ns)], stamp_ns)
         self.valid += len(wheels) - 1
         return sample
 
 
 class CommandEpisode(Episode):
-    """Commands into the command path, and a model of what is due."""
+    """Commands through WheelCommander, and a model of the expected target."""
 
     def __init__(self, seed: int, number: int) -> None:
         super().__init__(seed, number)
@@ -296,7 +296,7 @@ class CommandEpisode(Episode):
         self.now = draw.randrange(10**18)
         self.received: int | None = None
         self.stepped: int | None = None
-        self.held_until: float | None = -math.inf  # the target of the last step; None for unknown
+        self.valid_until: float | None = -math.inf  # the target of the last step; None for unknown
         self.target: tuple[float, float] | None = (0.0, 0.0)  # None for unknown
         self.last = WheelCommand(0.0, 0.0, 0.0, 0.0)
 
@@ -309,7 +309,7 @@ class CommandEpisode(Episode):
         return self.random.choice((None, 10.0 ** self.random.uniform(-1.0, 3.0)))
 
     def limits(self) -> AxisLimits:
-        """Return any limits of an axis; half of them none, zeros and infinities among them."""
+        """Return any limits of an axis: nan, zero and infinity included."""
         def size() -> float:
             return self.random.choice((
                 math.nan, math.nan, math.nan, 10.0 ** self.random.uniform(-2.0, 2.0),
@@ -345,7 +345,7 @@ class CommandEpisode(Episode):
                 self.settle()
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass; by less than nothing when a simulation starts again."""
+        """Advance the time; negative for a reset of the simulation."""
         self.now += round(seconds * 1e9)
 
     def command(self) -> None:
@@ -374,26 +374,26 @@ class CommandEpisode(Episode):
         self.path.accept(linear, angular, self.now)
 
     def step(self) -> None:
-        """Let a period pass, and check what goes to the wheels."""
+        """Do a step, and check the wheel command."""
         path, last = self.path, self.last
         self.calls.append(('step', self.now, path.timeout, path.max_wheel_speed, path.drive,
                            path.linear_limits, path.angular_limits, path.period,
                            set(path.inhibits)))
         sent = self.last = path.step(self.now)
         self.calls.append(('sent', sent))
-        # Where time stands still, a hold counts a period; of a pause, all but five slow down, if
-        # nothing was asked for meanwhile.
+        # While time stands still, an inhibit counts a period. Of a pause, all but five periods
+        # decelerate if the target was zero.
         elapsed = path.period if self.stepped is None else (self.now - self.stepped) * 1e-9
         elapsed = elapsed if elapsed > 0.0 else path.period if path.inhibits else 1e-9
         self.seconds = min(elapsed, 5.0 * path.period)
-        pause, held_until = elapsed - self.seconds, self.held_until
+        pause, valid_until = elapsed - self.seconds, self.valid_until
         self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
         is_timeout = path.timeout and age_ns is not None and not (
             0 <= age_ns <= path.timeout * 1e9)
         if path.inhibits or is_timeout:
             self.target = 0.0, 0.0
-        self.held_until = None if self.target is None else (
+        self.valid_until = None if self.target is None else (
             self.now if self.target == (0.0, 0.0) or self.received is None
             else self.received + path.timeout * 1e9 if path.timeout else math.inf)
         demand(all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular))),
@@ -405,21 +405,21 @@ class CommandEpisode(Episode):
         demand(close_to(sent.left, amounts[0], amounts) and close_to(
             sent.right, amounts[1], amounts), 'twist and wheels differ', sent, amounts)
         is_limited = limit is not None and max(abs(amounts)) > 0.999999 * limit
-        # A speed for which smaller wheels, set meanwhile, would turn infinitely fast ends at once.
+        # A speed at which live smaller wheels would turn infinitely fast stops at once.
         is_limited |= max(abs(last.linear), abs(last.angular)) > 1e300
-        if self.target is None or (pause and held_until is None):
+        if self.target is None or (pause and valid_until is None):
             return
         if pause:
-            pause = max(0.0, min(pause, (self.now - held_until) * 1e-9))
+            pause = max(0.0, min(pause, (self.now - valid_until) * 1e-9))
         for target, limits, before, now in (
                 (self.target[0], path.linear_limits, last.linear, sent.linear),
                 (self.target[1], path.angular_limits, last.angular, sent.angular)):
             if pause:
                 slowed = abs(before) - self.slowing(limits, before) * pause
                 before = math.copysign(max(slowed, 0.0), before)
-            self.judge_axis(target, limits, before, now, is_limited)
+            self.check_axis(target, limits, before, now, is_limited)
 
-    def judge_axis(
+    def check_axis(
         self, target: float, limits: AxisLimits, before: float, now: float, is_limited: bool,
     ) -> None:
         """Check the speed of an axis after that before; is_limited by the speed of the wheels."""
@@ -432,19 +432,19 @@ class CommandEpisode(Episode):
         if not target:
             slowed = max(abs(before) - self.slowing(limits, before) * self.seconds, 0.0)
             demand(abs(now) <= slowed + tiny and (now * before >= 0.0 or abs(now) <= tiny),
-                   'zero is due', now, before, slowed)
+                   'zero is expected', now, before, slowed)
             demand(is_limited or abs(now) >= slowed - tiny, 'stopped too hard', now, slowed)
         elif low <= before <= high:
             demand(low - tiny <= now <= high + tiny, 'beyond its velocity limit', now, low, high)
         if not is_limited:
-            # Jerk limits preserve momentum, away from the target too, but only towards zero.
+            # Jerk limits preserve momentum away from the target, but only towards zero.
             least = most = before
             if target and not math.isnan(limits.max_jerk):
                 least, most = min(before, 0.0), max(before, 0.0)
             demand(min(least, target) - tiny <= now <= max(most, target) + tiny,
                    'not on the way to the target', before, now, target)
             if limits == AxisLimits():
-                demand(abs(now - target) <= tiny, 'not what was asked for', now, target)
+                demand(abs(now - target) <= tiny, 'not the command', now, target)
             fastest = max(ahead(limits), -back(limits), self.slowing(limits, before))
             demand(abs(now - before) <= fastest * self.seconds + tiny
                    or not low <= before <= high or not target,
@@ -459,7 +459,7 @@ class CommandEpisode(Episode):
         return rate or math.inf
 
     def settle(self) -> None:
-        """Ask for the same until it is so, if no limit holds it back for long."""
+        """Repeat one command until it is reached, with limits that allow it soon."""
         path = self.path
         for inhibit in Inhibit:
             path.inhibit(inhibit, False)
@@ -504,7 +504,7 @@ def close_to(value: float, other: float, scale: np.ndarray) -> bool:
 
 
 Outcome = tuple[int, int, int, str]
-"""The number of an episode, its messages and how many were valid, and what went wrong."""
+"""The number of an episode, its messages, the valid ones, and its failure as text."""
 
 
 def run(seed: int, number: int) -> Outcome:
@@ -523,7 +523,7 @@ def run(seed: int, number: int) -> Outcome:
 
 
 def run_many(task: tuple[int, range]) -> list[Outcome]:
-    """Run some episodes; stop with one that went wrong."""
+    """Run some episodes; stop at the first failure."""
     seed, numbers = task
     outcomes = []
     for number in numbers:
@@ -534,41 +534,41 @@ def run_many(task: tuple[int, range]) -> list[Outcome]:
 
 
 def tasks(seed: int) -> Iterator[tuple[int, range]]:
-    """Return episodes without end, by the dozen."""
+    """Return endless tasks of twelve episodes each."""
     return ((seed, range(first, first + 12)) for first in itertools.count(0, 12))
 
 
 def fuzz(seed: int, wanted: int, processes: int | None) -> int:
-    """Run episodes until the messages are as many as wanted; return 1 as soon as one fails."""
-    started = said = time.monotonic()
+    """Run episodes for a number of messages; return 1 at the first failure."""
+    started = reported = time.monotonic()
     messages = valid = episodes = 0
     with multiprocessing.get_context('fork').Pool(processes) as pool:
-        # Not imap of all: it would take the endless tasks in at once.
+        # Not imap, which would read the endless tasks at once.
         todo = tasks(seed)
         pending = deque(
             pool.apply_async(run_many, (next(todo),)) for _ in range(4 * (processes or 2)))
         while messages < wanted:
             outcomes = pending.popleft().get()
             pending.append(pool.apply_async(run_many, (next(todo),)))
-            for number, said_by_it, valid_of_it, trouble in outcomes:
+            for number, count, valid_count, failure in outcomes:
                 episodes += 1
-                messages += said_by_it
-                valid += valid_of_it
-                if trouble:
-                    print(f'\nepisode {number} failed: {trouble}\n\nto see it again: python '
+                messages += count
+                valid += valid_count
+                if failure:
+                    print(f'\nepisode {number} failed: {failure}\n\nto repeat it: python '
                           f'test/checks/fuzz.py --seed {seed} --episode {number}')
                     return 1
-            if time.monotonic() - said > 5.0:
-                said = time.monotonic()
-                rate = messages / (said - started)
+            if time.monotonic() - reported > 5.0:
+                reported = time.monotonic()
+                rate = messages / (reported - started)
                 left = max(wanted - messages, 0) / rate
                 print(f'{messages:10,} of {wanted:,} messages, {rate:,.0f}/s, {left:.0f} s left',
                       flush=True)
     seconds = time.monotonic() - started
     print(f'seed {seed}: {messages:,} messages in {episodes:,} episodes, {valid / messages:.0%} '
-          f'valid, {seconds:.0f} s, {messages / seconds:,.0f}/s: nothing went wrong')
+          f'valid, {seconds:.0f} s, {messages / seconds:,.0f}/s: no failure')
     if valid < 0.5 * messages:
-        print('less than half were valid: the fuzzer is wrong')
+        print('less than half were valid: fault of the fuzzer')
         return 1
     return 0
 
@@ -576,16 +576,16 @@ def fuzz(seed: int, wanted: int, processes: int | None) -> int:
 def main() -> int:
     """Fuzz, or run one episode again; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.strip().split('\n', 1)[0])
-    parser.add_argument('--messages', type=float, default=1e7, help='how many; default 1e7')
-    parser.add_argument('--seed', type=int, default=1, help='another seed, other messages')
+    parser.add_argument('--messages', type=float, default=1e7, help='their number; default 1e7')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the messages')
     parser.add_argument('--episode', type=int, help='run this episode alone')
     parser.add_argument('--processes', type=int, help='default: one for each core')
     given = parser.parse_args()
     if given.episode is None:
         return fuzz(given.seed, round(given.messages), given.processes)
-    _, messages, valid, trouble = run(given.seed, given.episode)
-    print(trouble or f'{messages} messages, {valid} valid: nothing went wrong')
-    return 1 if trouble else 0
+    _, messages, valid, failure = run(given.seed, given.episode)
+    print(failure or f'{messages} messages, {valid} valid: no failure')
+    return 1 if failure else 0
 
 
 if __name__ == '__main__':

@@ -1,11 +1,12 @@
 """
 Drive the node for a quarter of an hour at 200 Hz over DDS, with a fault each second. A script.
 
-The node is a process, told by qos_overrides to be reliable and deep, so that DDS loses nothing.
-Every answer that is due has to come, in order, with the pose of the undamaged drive less the
-documented losses; the counters in /diagnostics have to be right; the wheels have to be within
-their limit, and stand still when commands are silent, are none, or are held by ~/enable; and once
-it has settled the process may not grow. Prints a line a minute; returns 1 if anything was wrong.
+The node is a process, reliable and deep by qos_overrides, so that DDS loses nothing. Every
+expected odometry must arrive, in order, with the pose of the drive without faults less the
+documented losses. The counters in /diagnostics must be exact. The wheels must be within their
+limit, and stop after a command timeout, a command that is not finite, and ~/enable with false. The
+memory of the process must not grow once it has settled. Prints a line a minute; returns 1 on a
+failure.
 """
 import argparse
 from collections import Counter, deque
@@ -22,6 +23,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diffdrive_ros.core.kinematics import DiffDrive
+from diffdrive_ros.core.quaternion import heading_of_quaternion
 from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.srv import SetParameters
@@ -45,9 +47,9 @@ RATE = 200.0  # [Hz]
 COMMAND_PERIOD = 0.05  # [s]
 TIMEOUT = 0.5  # [s]
 FASTEST_WHEEL = 12.0  # [rad/s]
-STOPPING = 0.35  # [s] that a stop takes at most: the deceleration, a period, a busy machine
+STOP_TIME = 0.35  # [s] at most: the deceleration, a period, a busy machine
 SETTLED = 5.0  # [min] after which the process may not grow
-GROWTH = 1.0  # [MB] that it may
+MAX_GROWTH = 1.0  # [MB]
 CLOSE = 1e-6  # [m, rad] after kilometres of curves
 
 DEEP_AND_RELIABLE = {
@@ -62,16 +64,16 @@ PARAMETERS_OF_NODE = {
 
 
 class Soak:
-    """A node, what is said to it, and what it answers."""
+    """A node, its input and its output."""
 
     def __init__(self, station: Station, pid: int, seed: int) -> None:
         self.station, self.pid = station, pid
         self.random = random.Random(seed)
-        self.wrong: list[str] = []
+        self.failures: list[str] = []
         self.faults: Counter[str] = Counter()
         self.answers = self.messages = 0
-        self.furthest = 0.0  # of a pose from what it should be
-        self._heard: deque[tuple[int, float, float, float]] = deque()
+        self.furthest = 0.0  # error of a pose
+        self._received: deque[tuple[int, float, float, float]] = deque()
         self._speeds: tuple[float, ...] = ()
         self._figures: dict[str, dict[str, str]] = {}
         self._diagnosed = 0
@@ -79,11 +81,11 @@ class Soak:
         self._command_at, self._commanded_at = 0.0, math.inf
         self._stands_from, self._stands_until = math.inf, -math.inf
         self._multiplier = 1.0
-        self.drive = DamagedDrive(self._say, round(1e9 / RATE), seed)
+        self.drive = DamagedDrive(self._send, round(1e9 / RATE), seed)
         self._expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
-        self._judged = 0
+        self._checked = 0
         self.faults_of_commands: dict[str, Callable[[], None]] = {
-            'cmd_vel_is_none': self._command_none, 'cmd_vel_is_silent': self._be_silent,
+            'not_finite_cmd_vel': self._send_not_finite, 'cmd_vel_timeout': self._let_time_out,
             'reset_odometry': self._reset, 'disable': self._disable,
             'set_parameter': self._set_parameter, 'set_wrong_parameter': self._set_wrong}
         node = station.node
@@ -99,16 +101,16 @@ class Soak:
         for service in self._services:
             assert service.wait_for_service(timeout_sec=20.0)
         wait_until(lambda: node.count_subscribers('joint_states'))
-        time.sleep(1.0)  # both ends have to know of each other
+        time.sleep(1.0)  # discovery at both ends
 
-    def complain(self, what: str) -> None:
-        """Note what is wrong."""
-        self.wrong.append(what)
-        if len(self.wrong) < 20:
-            print('WRONG:', what, flush=True)
+    def fail(self, what: str) -> None:
+        """Record and print a failure."""
+        self.failures.append(what)
+        if len(self.failures) < 20:
+            print('FAILURE:', what, flush=True)
 
     def run(self, minutes: float) -> None:
-        """Drive; every second another fault."""
+        """Drive with a fault every second."""
         started = time.monotonic()
         self.drive.begin()
         next_at, fault_at, minute = started, started + 1.0, 1
@@ -121,14 +123,14 @@ class Soak:
                 self.faults[name] += 1
                 self.faults_of_commands.get(name, getattr(self.drive, name, None))()
                 sizes.append(((now - started) / 60.0, resident(self.pid)))
-                self.judge()
+                self.check_odometry()
             else:
                 self.drive.an_ordinary_sample()
             if now > started + 60.0 * minute:
                 self.check_counters()
                 grown = growth(sizes, minutes)
                 print(f'{minute:3} min  {self.messages:7,} messages  {self.answers:7,} answers  '
-                      f'furthest off {self.furthest:.1e}  RSS {sizes[-1][1]:.2f} MB'
+                      f'largest error {self.furthest:.1e}  RSS {sizes[-1][1]:.2f} MB'
                       + ('' if grown is None else f' (+{grown:.2f})'), flush=True)
                 minute += 1
             next_at = max(next_at + 1.0 / RATE, now - 0.1)
@@ -136,88 +138,89 @@ class Soak:
         self.check_counters()
         self.seconds, self.grown = time.monotonic() - started, growth(sizes, minutes)
         self.sizes = sizes
-        if self.grown is not None and self.grown > GROWTH:
-            self.complain(f'the process grew by {self.grown:.2f} MB')
+        if self.grown is not None and self.grown > MAX_GROWTH:
+            self.fail(f'the process grew by {self.grown:.2f} MB')
 
-    def judge(self) -> None:
-        """Wait for every answer that is due, and compare it."""
+    def check_odometry(self) -> None:
+        """Wait for every expected odometry, and compare it."""
         expected, self.drive.expected = self.drive.expected, []
         if not expected:
             return
         try:
-            wait_until(lambda: len(self._heard) >= len(expected), timeout=5.0)
+            wait_until(lambda: len(self._received) >= len(expected), timeout=5.0)
         except AssertionError:
-            self.complain(f'{len(expected) - len(self._heard)} answers of {len(expected)} did '
-                          f'not come, after {self.answers}')
-        heard = [self._heard.popleft() for _ in range(min(len(expected), len(self._heard)))]
-        self.answers += len(heard)
+            self.fail(f'{len(expected) - len(self._received)} messages of {len(expected)} are '
+                      f'missing, after {self.answers}')
+        count = min(len(expected), len(self._received))
+        received = [self._received.popleft() for _ in range(count)]
+        self.answers += len(received)
         poses = self._expected.of(expected)
-        for (stamp, x, y, theta), (due, *_), pose in zip(heard, expected, poses, strict=False):
+        for (stamp, x, y, theta), (due, *_), pose in zip(received, expected, poses, strict=False):
             if stamp != due:
-                self.complain(f'an answer to {stamp} where one to {due} was due')
+                self.fail(f'odometry of {stamp} in place of {due}')
                 return
             off = max(abs(x - pose[0]), abs(y - pose[1]),
                       abs(math.remainder(theta - pose[2], math.tau)))
             self.furthest = max(self.furthest, off)
             if not off < CLOSE:
-                self.complain(f'pose at {due}: {x}, {y}, {theta}, and not {pose}')
+                self.fail(f'pose at {due}: {x}, {y}, {theta}, expected {pose}')
                 return
 
     def check_counters(self) -> None:
-        """Wait for diagnostics of all that was said until now, and compare the counters."""
-        self._be_silent()  # for nothing is said while it waits
-        self.judge()
+        """Wait for diagnostics of all messages until now, and compare the counters."""
+        self._let_time_out()  # no commands while it waits
+        self.check_odometry()
         seen = self._diagnosed
         wait_until(lambda: self._diagnosed >= seen + 2, timeout=5.0)
-        if self._heard:
-            self.complain(f'{len(self._heard)} answers that were not due')
+        if self._received:
+            self.fail(f'{len(self._received)} unexpected messages')
         figures = self._figures['feedback']
-        told = {name: int(value) for name, value in figures.items() if '[' not in name}
-        if told != dict(self.drive.counts):
-            self.complain(f'counters of the wheels: {told}, and not {dict(self.drive.counts)}')
-        told = {name: int(value) for name, value in self._figures['commands'].items()
+        counters = {name: int(value) for name, value in figures.items() if '[' not in name}
+        if counters != dict(self.drive.counts):
+            self.fail(f'counters of the wheels: {counters}, expected {dict(self.drive.counts)}')
+        counters = {name: int(value) for name, value in self._figures['commands'].items()
                 if '[' not in name and name != 'inhibits'}
         for name, least, most in (
                 ('commands', round(0.95 * self._commands), self._commands),
                 ('not_finite', self._not_finite, self._not_finite),
                 ('timeouts', self._timeouts, self._timeouts + self._late)):
-            if not least <= told.get(name, 0) <= most:
-                self.complain(f'counter of commands, {name}: {told}, and not {least} to {most}')
+            if not least <= counters.get(name, 0) <= most:
+                self.fail(f'counter of commands, {name}: {counters}, expected {least} to {most}')
 
     def _command(self, now: float) -> None:
-        """Command a curve when one is due."""
+        """Send the next command when it is time."""
         if now < self._command_at:
             return
         if now - self._commanded_at > 0.8 * TIMEOUT:
-            self._late += 1  # this process was held up: the node may have seen a timeout
+            self._late += 1  # this process was delayed: the node may have a timeout
         self._command_at, self._commanded_at = now + COMMAND_PERIOD, now
         self._commands += 1
         self.station.say('cmd_vel', twist(self.random.uniform(0.2, 2.0),
                                           self.random.uniform(-4.0, 4.0)))
 
-    def _command_none(self) -> None:
-        """Let the wheels stand, by a command that is none."""
-        self._drive_on_for(0.1)  # a command that waits to be read is replaced by a newer one
+    def _send_not_finite(self) -> None:
+        """Stop the wheels by a command that is not finite."""
+        self._drive_on_for(0.1)  # a newer command replaces one in the queue
         self._commands += 1
         self._not_finite += 1
         self.station.say('cmd_vel', twist(math.nan, 0.1))
-        self._drive_on_for(STOPPING)
+        self._drive_on_for(STOP_TIME)
         self._demand_stop('a command that is not finite')
         self._commanded_at = math.inf
 
-    def _be_silent(self) -> None:
+    def _let_time_out(self) -> None:
         """Let the commands time out."""
         self._command_at = 0.0
         self._command(time.monotonic())
         self._timeouts += 1
-        self._drive_on_for(TIMEOUT + STOPPING)
-        self._demand_stop('silence')
+        self._drive_on_for(TIMEOUT + STOP_TIME)
+        self._demand_stop('a timeout')
         self._commanded_at = math.inf
 
     def _disable(self) -> None:
-        """Hold the wheels, and let them go again."""
+        """Disable the wheels, and enable them again."""
         self._call(1, SetBool.Request(data=False))
-        self._drive_on_for(STOPPING)
+        self._drive_on_for(STOP_TIME)
         self._command(time.monotonic())
         self._drive_on_for(0.06)
         self._demand_stop('~/enable with false')
@@ -225,30 +228,30 @@ class Soak:
         self._commanded_at = math.inf
 
     def _reset(self) -> None:
-        """Let the pose be zero."""
-        self.judge()
+        """Reset the pose to zero."""
+        self.check_odometry()
         self._call(0, Trigger.Request())
         self._expected.reset()
 
     def _set_parameter(self) -> None:
-        """Calibrate while it drives."""
-        self.judge()
+        """Set a parameter while it drives."""
+        self.check_odometry()
         self._multiplier = self.random.uniform(0.8, 1.2)
-        self._set('wheel_separation_multiplier', self._multiplier, is_right=True)
+        self._set('wheel_separation_multiplier', self._multiplier, is_valid=True)
         self._expected.drive = DiffDrive(
             SEPARATION * self._multiplier, LEFT_RADIUS, RIGHT_RADIUS)
 
     def _set_wrong(self) -> None:
-        """Be refused, and nothing changes."""
+        """Set an invalid value, which is rejected without effect."""
         self._set('wheel_separation_multiplier', self.random.choice((0.0, -1.0, math.nan)),
-                  is_right=False)
+                  is_valid=False)
 
-    def _set(self, name: str, value: float, is_right: bool) -> None:
+    def _set(self, name: str, value: float, is_valid: bool) -> None:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])
         [result] = self._call(2, request).results
-        if result.successful != is_right:
-            self.complain(f'{name} = {value}: {result}')
+        if result.successful != is_valid:
+            self.fail(f'{name} = {value}: {result}')
 
     def _call(self, service: int, request: object) -> object:
         future = self._services[service].call_async(request)
@@ -264,27 +267,27 @@ class Soak:
 
     def _demand_stop(self, after: str) -> None:
         if any(self._speeds):
-            self.complain(f'the wheels turn at {self._speeds} rad/s after {after}')
+            self.fail(f'the wheels turn at {self._speeds} rad/s after {after}')
 
-    def _say(self, names: object, positions: object, velocities: object, stamp: int) -> None:
+    def _send(self, names: object, positions: object, velocities: object, stamp: int) -> None:
         message = JointState(name=list(names), position=positions, velocity=velocities)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         self.station.say('joint_states', message)
         self.messages += 1
 
     def _on_odom(self, message: Odometry) -> None:
-        pose = message.pose.pose
-        self._heard.append((
-            stamp_ns(message), pose.position.x, pose.position.y,
-            2.0 * math.atan2(pose.orientation.z, pose.orientation.w)))
+        position, q = message.pose.pose.position, message.pose.pose.orientation
+        self._received.append((
+            stamp_ns(message), position.x, position.y,
+            heading_of_quaternion(q.x, q.y, q.z, q.w)))
         if not (np.isfinite(message.pose.covariance).all()
                 and np.isfinite(message.twist.covariance).all()):
-            self.complain(f'covariance: {message}')
+            self.fail(f'covariance: {message}')
 
     def _on_wheels(self, message: JointState) -> None:
         self._speeds = tuple(message.velocity)
         if not max(map(abs, self._speeds)) <= FASTEST_WHEEL:
-            self.complain(f'the wheels are to turn at {self._speeds} rad/s')
+            self.fail(f'the wheel command is {self._speeds} rad/s')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self._figures = {
@@ -294,13 +297,13 @@ class Soak:
 
 
 def resident(pid: int) -> float:
-    """Return how much memory a process occupies [MB]."""
+    """Return the resident memory of a process [MB]."""
     pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def growth(sizes: list[tuple[float, float]], minutes: float) -> float | None:
-    """Return by how much a process grew [MB] since it settled, None before."""
+    """Return the growth of a process [MB] since it settled, None before."""
     settled = SETTLED if minutes > SETTLED else 0.5 * minutes
     after = [size for minute, size in sizes if minute >= settled]
     return max(after) - after[0] if after else None
@@ -309,16 +312,16 @@ def growth(sizes: list[tuple[float, float]], minutes: float) -> float | None:
 def main() -> int:
     """Soak; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.strip().split('\n', 1)[0])
-    parser.add_argument('--minutes', type=float, default=15.0, help='how long; default 15')
-    parser.add_argument('--seed', type=int, default=1, help='another seed, other faults')
+    parser.add_argument('--minutes', type=float, default=15.0, help='duration; default 15')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the faults')
     given = parser.parse_args()
-    # Away from those that the tests use up; the ports of these, too, are free of ephemeral ones.
+    # Apart from the domains of the tests; without ephemeral ports either.
     domain = 215 + os.getpid() % 17
     os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                    'ROS_PYTHON_CHECK_FIELDS': '1'}
     settings = [word for name, value in PARAMETERS_OF_NODE.items()
                 for word in ('-p', f'{name}:={value}')]
-    # A file: what it logs in a quarter of an hour does not fit into a pipe that nobody reads.
+    # A file, because the log of a quarter of an hour does not fit into a pipe.
     with tempfile.TemporaryFile('w+') as log:
         process = subprocess.Popen(
             [sys.executable, '-m', 'diffdrive_ros.node.odometry_node', '--ros-args', *settings],
@@ -329,22 +332,22 @@ def main() -> int:
             soak.run(given.minutes)
             process.send_signal(signal.SIGINT)
             if process.wait(10) != 0:
-                soak.complain(f'exit code {process.returncode}')
+                soak.fail(f'exit code {process.returncode}')
             log.seek(0)
             text = log.read()
             if 'Traceback' in text:
-                soak.complain(text[text.index('Traceback'):][:2000])
+                soak.fail(text[text.index('Traceback'):][:2000])
         finally:
             station.close()
             process.kill()
             process.wait()
     print(f'seed {given.seed}: {soak.seconds / 60.0:.1f} min, {soak.messages:,} messages '
           f'({soak.messages / soak.seconds:.0f}/s), {soak.answers:,} answers, '
-          f'{sum(soak.faults.values())} faults of {len(soak.faults)} kinds; furthest off '
+          f'{sum(soak.faults.values())} faults of {len(soak.faults)} kinds; largest error '
           f'{soak.furthest:.1e}; RSS from {soak.sizes[0][1]:.2f} to {soak.sizes[-1][1]:.2f} MB, '
           f'+{soak.grown:.2f} since it settled; counters: {dict(soak.drive.counts)}')
-    print(f'{len(soak.wrong)} things were wrong' if soak.wrong else 'nothing was wrong')
-    return 1 if soak.wrong else 0
+    print(f'{len(soak.failures)} failures' if soak.failures else 'no failure')
+    return 1 if soak.failures else 0
 
 
 if __name__ == '__main__':
