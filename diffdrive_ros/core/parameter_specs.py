@@ -248,7 +248,7 @@ ODOMETRY = (
     *(ParameterSpec(
         f'{name}_std', 0.0, 'm',
         f'Standard deviation of {name}, such as {example} if it was measured by hand; 0: exact.',
- _NOT_NEGATIVE)
+        _NOT_NEGATIVE)
       for name, example in (('wheel_separation', '0.002'), ('left_wheel_radius', '0.0001'),
                             ('right_wheel_radius', '0.0001'))),
     ParameterSpec(

@@ -205,8 +205,10 @@ class FeedbackEpisode(Episode):
         self.check_poses(np.array(truth), np.array(poses), stamps, start, close * count)
         self.demand_finite()
 
-    def check_poses(self, truth: np.ndarray, poses: np.ndarray, stamps: list[int],
-              start: tuple[float, float, float], close: float) -> None:
+    def check_poses(
+        self, truth: np.ndarray, poses: np.ndarray, stamps: list[int],
+        start: tuple[float, float, float], close: float,
+    ) -> None:
         """Compare poses and the last twist with those of the true wheel angles."""
         drive = self.odometry.drive
         expected = integrate(drive, truth[:, 0], truth[:, 1], start)

@@ -179,7 +179,7 @@ class Soak:
         if counters != dict(self.drive.counts):
             self.fail(f'counters of the wheels: {counters}, expected {dict(self.drive.counts)}')
         counters = {name: int(value) for name, value in self._figures['commands'].items()
-                if '[' not in name and name != 'inhibits'}
+                    if '[' not in name and name != 'inhibits'}
         for name, least, most in (
                 ('commands', round(0.95 * self._commands), self._commands),
                 ('not_finite', self._not_finite, self._not_finite),
