@@ -18,7 +18,8 @@ CORE = {
     'core.odometry': {'core.validation', 'core.se2', 'core.kinematics'},
     'calibration.linearization': {'core.validation', 'core.se2', 'core.kinematics',
                                   'core.odometry'},
-    'calibration.end_pose': {'core.validation', 'core.kinematics', 'calibration.linearization'},
+    'calibration.end_pose': {'core.validation', 'core.se2', 'core.kinematics',
+                             'calibration.linearization'},
     'core.evaluation': {'core.validation', 'core.se2'},
     'core.replay': {'core.validation', 'core.se2', 'core.evaluation', 'core.odometry_config',
                     'core.wheel_feedback'},
@@ -84,8 +85,8 @@ OFFLINE = {
         {'rich', 'threadpoolctl'}),
     'tools.plots': (
         # the types only
-        {'core.validation', 'core.replay', 'calibration.cross_validation', 'calibration.model',
-         'tools.logs'},
+        {'core.validation', 'core.evaluation', 'core.replay', 'calibration.cross_validation',
+         'calibration.model', 'tools.logs'},
         {'matplotlib'}),
 }
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import math
 
 from diffdrive_ros.calibration.linearization import linearize
+from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.validation import Array, finite, positive, vectors
 import numpy as np
@@ -114,8 +115,7 @@ def line_and_turn(
     def solved(distance: float, sideways: float, turned: float) -> Array:
         # The line is an arc: its chord leaves at half its turn.
         bend = 2.0 * math.atan2(sideways, distance)
-        half = 0.5 * bend
-        length = math.hypot(distance, sideways) * (half / math.sin(half) if half else 1.0)
+        length = math.hypot(distance, sideways) / float(se2.chord_over_arc(0.5 * bend))
         matrix = np.array([
             [0.0, 0.5 * line_left, 0.5 * line_right], [-bend, -line_left, line_right],
             [-turned, -turn_left, turn_right]])

@@ -1,7 +1,6 @@
 """Where the search for the geometry starts: estimates without noise model or clock offset."""
 from collections.abc import Sequence
 from dataclasses import replace
-import math
 
 from diffdrive_ros.calibration.model import Run
 from diffdrive_ros.calibration.residuals import resampled
@@ -45,7 +44,7 @@ def geometry_of(runs: Sequence[Run]) -> DiffDrive | None:
     arcs = np.concatenate([
         0.5 * np.diff(each[:, :2], axis=0) @ [-ratios[0], ratios[1]] for each in angles])
     turns = np.concatenate([np.diff(each) for each in headings])
-    chords = np.abs(arcs * np.sinc(0.5 * turns / math.pi))
+    chords = np.abs(arcs * se2.chord_over_arc(0.5 * turns))
     is_long = (chords >= np.median(chords)) & (chords > 0.0)
     separation = float(
         np.median(np.concatenate(distances)[is_long] / chords[is_long])) if is_long.any() else 0.0

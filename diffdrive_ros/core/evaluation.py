@@ -48,6 +48,11 @@ class Evaluation:
         return asdict(self)
 
 
+def distances_along(poses: Array) -> Array:
+    """Return the length of the path up to each pose [m], (N,)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+
+
 def align(poses: Array, reference: Array, how: str) -> Array:
     """
     Return the pose of odometry's frame in the reference's, (3,).
@@ -85,7 +90,7 @@ def evaluate(
     if covariances is not None:
         nees = np.einsum(
             'ni,ni->n', errors, np.linalg.solve(covariances, errors[:, :, np.newaxis])[:, :, 0])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    way = distances_along(poses)
     return Evaluation(
         length=float(way[-1]), final_position=float(apart[-1]),
         final_heading=float(abs(errors[-1, 2])), ate=_rms(apart),

@@ -18,6 +18,7 @@ import time
 from typing import TYPE_CHECKING
 
 from diffdrive_ros.core import se2
+from diffdrive_ros.core.evaluation import distances_along
 from diffdrive_ros.core.validation import Array
 from diffdrive_ros.demo.driver_node import DriverNode
 from diffdrive_ros.node.robot_processes import (
@@ -145,7 +146,7 @@ def report(console: 'Console', driver: DriverNode, path: str, picture: Path) -> 
 
     seconds, odometry, truth = driver.tracks()
     figures = judge(path, odometry, truth)
-    length = float(np.sum(np.hypot(*np.diff(truth[:, :2], axis=0).T)))
+    length = float(distances_along(truth)[-1])
     table = Table(title=f'{path}, {length:.2f} m driven')
     for heading in ('', 'measured', 'at most'):
         table.add_column(heading, justify='right' if heading else 'left')

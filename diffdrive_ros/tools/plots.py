@@ -3,6 +3,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from diffdrive_ros.core.evaluation import distances_along
 from diffdrive_ros.core.replay import Comparison, ReplayedOdometry
 from diffdrive_ros.core.validation import Array
 import numpy as np
@@ -70,8 +71,7 @@ def draw_replay(
             _ellipse(
                 tracks, comparison.poses[index], comparison.covariances[index], colour)
         apart = comparison.reference - comparison.poses
-        way = np.concatenate(
-            [[0.0], np.cumsum(np.hypot(*np.diff(comparison.poses[:, :2], axis=0).T))])
+        way = distances_along(comparison.poses)
         errors.plot(way, 1e3 * np.hypot(apart[:, 0], apart[:, 1]), color=colour, label=label)
         wrapped = np.arctan2(np.sin(apart[:, 2]), np.cos(apart[:, 2]))
         headings.plot(way, 1e3 * wrapped, color=colour, label=label)
@@ -120,8 +120,7 @@ def draw_calibration(
                 for index in _spread_out(len(each.poses)) if name == 'after' else ():
                     _ellipse(tracks, each.poses[index], each.covariances[index], colour)
             apart = each.poses - each.reference
-            way = np.concatenate(
-                [[0.0], np.cumsum(np.hypot(*np.diff(each.poses[:, :2], axis=0).T))])
+            way = distances_along(each.poses)
             errors.plot(
                 way, 1e3 * np.hypot(apart[:, 0], apart[:, 1]), color=colour, linewidth=0.8,
                 label=once)
