@@ -1,11 +1,11 @@
 """
-Calibration without a reference: by where the robot is at the end of a path, found with a ruler.
+Calibrate without a reference, by end poses of paths, measured with a ruler.
 
 UMBmark (Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile
-Robots, IEEE T-RA 12, 1996): squares driven both ways tell the ratio of the diameters,
-E_d = D_R / D_L, from that of the separation to its nominal, E_b. Their closed forms are to first
-order; here the same square is solved exactly. Neither tells the mean radius: that takes a straight
-line, and a line with a turn on the spot tells all three.
+Robots, IEEE T-RA 12, 1996): squares in both directions give the ratio of the diameters,
+E_d = D_R / D_L, and that of the separation to its nominal value, E_b. Their closed forms are to
+first order; here the same square is solved exactly. Squares do not give the mean radius, which
+takes a straight line; a line and a turn on the spot give all three.
 """
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import math
 from diffdrive_ros.calibration.linearization import linearize
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.validation import Array, finite, positive, vectors
+from diffdrive_ros.core.validation import Array, finite, positive, UserError, vectors
 import numpy as np
 import numpy.typing as npt
 
@@ -48,26 +48,27 @@ def umbmark(
     clockwise: npt.ArrayLike, counter_clockwise: npt.ArrayLike, side: float, nominal: DiffDrive,
 ) -> EndPoseCalibration:
     """
-    Return the geometry by squares of a side [m], driven both ways, turning on the spot.
+    Return the geometry by squares of a side [m] in both directions, with turns on the spot.
 
-    clockwise and counter_clockwise, (N, 2): for each drive, where the robot really is at the end
-    minus where odometry with the nominal geometry has it [m]; the robot started along x, and
-    clockwise turned right. The deviations come from how the ends of each way scatter; 0 is not
-    known, for fewer than two drives of either way. Raises ValueError.
+    clockwise and counter_clockwise, (N, 2): of each square, the measured end position minus that
+    of odometry with the nominal geometry [m]. The robot starts along x; clockwise turns right.
+    The standard deviations come from the scatter of the end positions in each direction; they are
+    0, for unknown, with fewer than two squares in a direction. Raises UserError if the end
+    positions are not those of a square, ValueError for an argument of a wrong shape or value.
     """
     side = positive('side', side)
-    ways = [vectors(name, errors, 2) for name, errors in (
+    directions = [vectors(name, errors, 2) for name, errors in (
         ('clockwise', clockwise), ('counter_clockwise', counter_clockwise))]
-    for name, errors in zip(('clockwise', 'counter_clockwise'), ways, strict=True):
+    for name, errors in zip(('clockwise', 'counter_clockwise'), directions, strict=True):
         if errors.ndim != 2 or len(errors) < 1:
             raise ValueError(f'{name} has shape {errors.shape}: must be (N, 2), N 1 or more')
     wheels = [square_angles(nominal, side, sign) for sign in (-1.0, 1.0)]
     expected = [linearize(nominal, *angles, chosen=[-1]).poses[0, :2] for angles in wheels]
-    means = np.concatenate([errors.mean(axis=0) for errors in ways])
+    means = np.concatenate([errors.mean(axis=0) for errors in directions])
     measured = means + np.concatenate(expected)
     covariance = np.zeros((4, 4))
-    if min(map(len, ways)) > 1:
-        for index, errors in enumerate(ways):
+    if min(map(len, directions)) > 1:
+        for index, errors in enumerate(directions):
             part = slice(2 * index, 2 * index + 2)
             covariance[part, part] = np.cov(errors.T) / len(errors)
     logarithms = np.zeros(2)
@@ -83,8 +84,9 @@ def umbmark(
         if np.abs(step).max() < 1e-13:
             break
     else:
-        raise ValueError(
-            f'the ends, {means.round(4).tolist()} m off, are not those of a square of {side} m')
+        raise UserError(
+            f'end position errors = {means.round(4).tolist()} m: must be those of a square of '
+            f'{side} m')
     spread = solve @ covariance @ solve.T
     drive = _scaled(nominal, *logarithms)
     by_logarithms = _by_logarithms(drive)
@@ -96,39 +98,40 @@ def umbmark(
 
 
 def line_and_turn(
-    line: Sequence[float], distance: float, sideways: float, turn: Sequence[float], turned: float,
-    nominal: DiffDrive, deviations: Sequence[float] = (0.0, 0.0, 0.0),
+    line: Sequence[float], distance: float, sideways: float, turn: Sequence[float], heading: float,
+    nominal: DiffDrive, stds: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> EndPoseCalibration:
     """
     Return the geometry by one straight line and one turn on the spot.
 
-    line and turn: how far the left and right wheel turned in each [rad]; distance and sideways:
-    where the line ended, ahead and to the left [m]; turned: the heading after the turn,
-    counter-clockwise positive, whole turns counted [rad]. deviations: of distance, sideways and
-    turned. Raises ValueError.
+    line and turn: rotation of the left and right wheel in each [rad]. distance and sideways: end
+    position of the line, ahead and to the left [m]. heading: after the turn, counter-clockwise
+    positive, whole turns counted [rad]. stds: standard deviations of distance, sideways and
+    heading. Raises UserError if the two do not determine the geometry, ValueError for an argument
+    of a wrong value.
     """
     line_left, line_right = finite('line', line).tolist()
     turn_left, turn_right = finite('turn', turn).tolist()
     positive('distance', distance)
-    positive('the size of turned', abs(turned))
+    positive('abs(heading)', abs(heading))
 
-    def solved(distance: float, sideways: float, turned: float) -> Array:
-        # The line is an arc: its chord leaves at half its turn.
+    def solved(distance: float, sideways: float, heading: float) -> Array:
+        # The line is an arc, whose chord has half its turn as direction.
         bend = 2.0 * math.atan2(sideways, distance)
         length = math.hypot(distance, sideways) / float(se2.chord_over_arc(0.5 * bend))
         matrix = np.array([
             [0.0, 0.5 * line_left, 0.5 * line_right], [-bend, -line_left, line_right],
-            [-turned, -turn_left, turn_right]])
+            [-heading, -turn_left, turn_right]])
         if np.linalg.cond(matrix) > 1e12:
-            raise ValueError('line and turn do not tell the geometry: did the wheels turn?')
+            raise UserError('line, turn: must determine the geometry: do the wheels turn?')
         return np.linalg.solve(matrix, [length, 0.0, 0.0])
 
-    geometry = solved(distance, sideways, turned)
-    steps = (1e-6 * distance, 1e-6 * distance, 1e-6 * turned)
+    geometry = solved(distance, sideways, heading)
+    steps = (1e-6 * distance, 1e-6 * distance, 1e-6 * heading)
     derivatives = np.stack([
-        (solved(*(np.array([distance, sideways, turned]) + step * axis)) - geometry) / step
+        (solved(*(np.array([distance, sideways, heading]) + step * axis)) - geometry) / step
         for step, axis in zip(steps, np.eye(3), strict=True)], axis=-1)
-    covariance = derivatives @ np.diag(np.square(deviations)) @ derivatives.T
+    covariance = derivatives @ np.diag(np.square(stds)) @ derivatives.T
     drive = DiffDrive(*geometry.tolist())
     ratio = drive.right_wheel_radius / drive.left_wheel_radius
     of_ratio = np.array([0.0, -ratio / drive.left_wheel_radius, 1.0 / drive.left_wheel_radius])
@@ -148,7 +151,7 @@ def square_angles(drive: DiffDrive, side: float, sign: float) -> tuple[Array, Ar
 
 
 def _scaled(nominal: DiffDrive, separation: float, ratio: float) -> DiffDrive:
-    """Return a geometry by logarithms of E_b and of what E_d changes by; mean radius as it was."""
+    """Return a geometry by logarithms of E_b and of the change of E_d; the mean radius stays."""
     left, right = nominal.left_wheel_radius, nominal.right_wheel_radius
     factor = math.exp(ratio)
     new_left = (left + right) / (1.0 + factor * right / left)

@@ -1,10 +1,10 @@
 """
-A whole drive at once, to first order: its poses, and what errors of any kind do to them.
+Linearize a whole run: its poses, and their derivatives by every source of error.
 
-What Odometry propagates sample by sample (doc/kinematics.md, section 9) is here a running sum.
+What Odometry propagates sample by sample (doc/kinematics.md, section 9) is here a cumulative sum.
 Let T = [[1, 0, -y], [0, 1, x], [0, 0, 1]] and the error of a pose be T eta: eta is that error seen
-from the origin of the world. Later motion leaves it as it is, since the F of a step is the T after
-it times the inverse of the T before. So errors seen from the origin simply add up.
+from the origin of the world. Later motion does not change it, since the F of a step is the T after
+it times the inverse of the T before. So errors seen from the origin add up.
 """
 from dataclasses import dataclass
 
@@ -21,11 +21,11 @@ Chosen = list[int] | npt.NDArray[np.int64] | slice
 @dataclass(frozen=True)
 class Linearization:
     """
-    N poses of a drive, (N, 3), and their dependence on what may be wrong.
+    N poses of a run, (N, 3), and their dependence on the sources of error.
 
     by_geometry, (N, 3, 3): derivatives by wheel_separation, left_wheel_radius and
     right_wheel_radius, in columns. by_start, (N, 3, 3): by the start pose. seen_from, (N, 3, 3):
-    T, which takes errors seen from the world's origin to errors of the pose. left_noise,
+    T, which maps errors seen from the world's origin to errors of the pose. left_noise,
     right_noise and turn_noise, (N, 3, 3): covariances seen from the origin, for one unit of the
     respective parameter of WheelNoise.
     """
@@ -38,12 +38,12 @@ class Linearization:
     right_noise: Array
     turn_noise: Array
     by_steps: Array
-    """Of all steps, seen from the origin: by left and right travel and turn, (M - 1, 3, 3)."""
+    """Derivatives of all steps, seen from the origin: by left travel, right travel and turn."""
     variances: Array
     """Of all steps, for one unit of each parameter of WheelNoise, (M - 1, 3)."""
 
     def covariances(self, noise: WheelNoise) -> Array:
-        """Return the covariance that the noise of the wheels gives to each pose, (N, 3, 3)."""
+        """Return the covariance of each pose by the noise of the wheels, (N, 3, 3)."""
         seen = (noise.left_travel * self.left_noise + noise.right_travel * self.right_noise
                 + noise.turn * self.turn_noise)
         covariances: Array = self.seen_from @ seen @ self.seen_from.transpose(0, 2, 1)
@@ -55,7 +55,7 @@ def linearize(
     chosen: Chosen = slice(None),
 ) -> Linearization:
     """
-    Return the linearization of a log of wheel angles [rad], (M,), at the chosen indices.
+    Return the linearization of wheel angles [rad], (M,), at the chosen indices.
 
     Raises ValueError as odometry.integrate does.
     """
@@ -81,11 +81,11 @@ def linearize(
     variances = np.abs(np.stack([
         drive.left_wheel_radius * d_left, drive.right_wheel_radius * d_right, turn], axis=-1))
     left_noise, right_noise, turn_noise = (
-        _spread(variances[:, which], by_steps[:, :, which])[chosen] for which in range(3))
+        _covariance_sum(variances[:, which], by_steps[:, :, which])[chosen] for which in range(3))
     seen_from = _seen_from(poses)
     return Linearization(
         poses=poses[chosen],
-        by_geometry=seen_from[chosen] @ _running_sum(geometry)[chosen],
+        by_geometry=seen_from[chosen] @ _cumulative_sum(geometry)[chosen],
         by_start=seen_from[chosen] @ np.linalg.inv(seen_from[0]),
         seen_from=seen_from[chosen],
         left_noise=left_noise, right_noise=right_noise, turn_noise=turn_noise,
@@ -105,10 +105,10 @@ def _from_origin(by: Array, poses: Array) -> Array:
         by[:, 0] + poses[:, 1] * by[:, 2], by[:, 1] - poses[:, 0] * by[:, 2], by[:, 2]], axis=-1)
 
 
-def _running_sum(values: Array) -> Array:
+def _cumulative_sum(values: Array) -> Array:
     return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
 
 
-def _spread(variance: Array, by: Array) -> Array:
-    return _running_sum(
+def _covariance_sum(variance: Array, by: Array) -> Array:
+    return _cumulative_sum(
         variance[:, np.newaxis, np.newaxis] * by[:, :, np.newaxis] * by[:, np.newaxis, :])

@@ -1,4 +1,4 @@
-"""UMBmark, and the straight line with a turn, give back the geometry that was driven."""
+"""UMBmark, and a straight line with a turn, recover the true geometry."""
 import math
 
 from diffdrive_ros.calibration.end_pose import line_and_turn, square_angles, umbmark
@@ -18,7 +18,7 @@ def robot(e_b, e_d, mean=0.0507):
 
 
 def end_errors(truth, sign, count=1, noise=0.0, seed=1):
-    """Return where the truth is at the end of squares, minus where the nominal geometry is."""
+    """Return the true end positions of squares minus those of the nominal geometry, (count, 2)."""
     random = np.random.default_rng(seed)
     angles = square_angles(NOMINAL, SIDE, sign)
     error = (integrate(truth, *angles)[-1] - integrate(NOMINAL, *angles)[-1])[:2]
@@ -27,7 +27,7 @@ def end_errors(truth, sign, count=1, noise=0.0, seed=1):
 
 @pytest.mark.parametrize('e_b', [0.98, 0.995, 1.0, 1.007, 1.03])
 @pytest.mark.parametrize('e_d', [0.99, 0.997, 1.0, 1.002, 1.01])
-def test_umbmark_recovers_both_ratios_to_a_hundredth_of_their_excess(e_b, e_d):
+def test_umbmark_recovers_both_ratios_to_one_percent(e_b, e_d):
     truth = robot(e_b, e_d)
     found = umbmark(end_errors(truth, -1.0), end_errors(truth, 1.0), SIDE, NOMINAL)
     assert found.separation_ratio - 1.0 == pytest.approx(e_b - 1.0, rel=0.01, abs=1e-9)
@@ -36,15 +36,15 @@ def test_umbmark_recovers_both_ratios_to_a_hundredth_of_their_excess(e_b, e_d):
         2.0 * 0.0507)
 
 
-# Borenstein and Feng's first order: alpha is what a turn of 90 degrees lacks, beta what a leg
-# bends to the left. The four legs then end ahead of the start by -2 L alpha -/+ 2 L beta.
+# Borenstein and Feng's first order: a turn of 90 degrees is alpha too short, a leg bends left by
+# beta. The four legs then end ahead of the start by -2 L alpha -/+ 2 L beta.
 @pytest.mark.parametrize(('e_b', 'e_d', 'clockwise', 'counter_clockwise'), [
     (0.995, 1.0, 1, 1),
     (1.005, 1.0, -1, -1),
     (1.0, 1.0005, -1, 1),
     (1.0, 0.9995, 1, -1),
 ])
-def test_the_signs_of_both_errors_in_both_directions(e_b, e_d, clockwise, counter_clockwise):
+def test_umbmark_has_the_signs_of_both_errors(e_b, e_d, clockwise, counter_clockwise):
     truth = robot(e_b, e_d)
     ends = [end_errors(truth, sign)[0] for sign in (-1.0, 1.0)]
     assert [np.sign(end[0]) for end in ends] == [clockwise, counter_clockwise]
@@ -56,7 +56,7 @@ def test_the_signs_of_both_errors_in_both_directions(e_b, e_d, clockwise, counte
     assert np.sign(round(found.diameter_ratio - 1.0, 9)) == np.sign(e_d - 1.0)
 
 
-def test_umbmark_stays_within_its_error_bars_with_noise():
+def test_umbmark_z_scores_with_noise_are_standard_normal():
     truth, scores = robot(1.012, 1.004), []
     for seed in range(200):
         found = umbmark(
@@ -71,7 +71,7 @@ def test_umbmark_stays_within_its_error_bars_with_noise():
 
 
 @pytest.mark.parametrize('counts', [(1, 1), (1, 5), (5, 1)])
-def test_one_drive_of_a_way_does_not_tell_how_the_ends_scatter(counts):
+def test_umbmark_single_square_has_unknown_std(counts):
     truth = robot(1.012, 1.004)
     found = umbmark(*(
         end_errors(truth, sign, count, 0.02)
@@ -84,15 +84,15 @@ def test_one_drive_of_a_way_does_not_tell_how_the_ends_scatter(counts):
     ([[0.1, 0.1]], 0.0, 'side = 0.0: must be positive'),
     ([[0.1, math.nan]], 4.0, 'must be finite'),
     ([0.1, 0.1], 4.0, r'clockwise has shape \(2,\)'),
-    ([[50.0, 70.0]], 4.0, 'are not those of a square'),
+    ([[50.0, 70.0]], 4.0, 'must be those of a square'),
 ])
-def test_umbmark_refuses_what_is_no_square(clockwise, side, rule):
+def test_umbmark_rejects_end_positions_of_no_square(clockwise, side, rule):
     with pytest.raises(ValueError, match=rule):
         umbmark(clockwise, [[0.1, 0.1]], side, NOMINAL)
 
 
 @pytest.mark.parametrize('turns', [1.0, -3.25])
-def test_a_line_and_a_turn_give_all_three_measures(turns):
+def test_line_and_turn_gives_all_three_parameters(turns):
     truth = DiffDrive(0.3333, 0.0497, 0.0511)
     line = [100.0, 99.0]
     end = integrate(truth, [0.0, line[0]], [0.0, line[1]])[-1]

@@ -1,4 +1,4 @@
-"""The linearization of whole drives is what Odometry propagates sample by sample."""
+"""The linearization of whole runs agrees with Odometry, which works sample by sample."""
 from diffdrive_ros.calibration.linearization import linearize
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, Odometry, WheelNoise
@@ -19,33 +19,33 @@ def angles_of(steps):
 
 
 def driven(odometry, left, right):
-    """Return an odometry that has heard the angles of the wheels."""
+    """Return an odometry after the wheel angles."""
     for stamp, (one, other) in enumerate(zip(left.tolist(), right.tolist(), strict=True)):
         odometry.update(one, other, stamp)
     return odometry
 
 
 @given(drives, few_steps, st.tuples(metres, metres, st.floats(-3.0, 3.0)))
-def test_pose_sensitivity_and_covariance_are_those_of_odometry(drive, steps, start):
+def test_linearize_whole_run_agrees_with_odometry(drive, steps, start):
     left, right = angles_of(steps)
     odometry = driven(Odometry(drive, noise=NOISE, start=start), left, right)
     uncertain = driven(Odometry(
         drive, geometry_uncertainty=GeometryUncertainty(1e-3), start=start), left, right)
-    silent = driven(Odometry(drive, noise=WheelNoise(0.0, 0.0, 0.0), start=start), left, right)
+    noiseless = driven(Odometry(drive, noise=WheelNoise(0.0, 0.0, 0.0), start=start), left, right)
     linear = linearize(drive, left, right, start)
     size = 1.0 + np.abs(linear.poses).max()
     assert linear.poses[-1] == pytest.approx(odometry.pose, abs=1e-12 * size)
     sensitivity = uncertain.geometry_sensitivity
     assert linear.by_geometry[-1] == pytest.approx(
         sensitivity, abs=1e-11 * size * (1.0 + np.abs(sensitivity).max()))
-    # Both have the least covariance that a pose is given at the start.
+    # Both contain the least covariance of the start pose.
     assert linear.covariances(NOISE)[-1] == pytest.approx(
-        odometry.pose_covariance - silent.pose_covariance,
+        odometry.pose_covariance - noiseless.pose_covariance,
         rel=1e-9, abs=1e-11 * size**2 * (1.0 + np.abs(odometry.pose_covariance).max()))
 
 
 @given(few_steps, poses)
-def test_the_derivative_by_the_start_is_that_of_the_integral(steps, start):
+def test_linearize_by_start_is_the_derivative_of_integrate(steps, start):
     left, right = angles_of(steps)
     start = np.array(start)
     columns = [
@@ -55,7 +55,7 @@ def test_the_derivative_by_the_start_is_that_of_the_integral(steps, start):
         np.stack(columns, axis=-1), abs=1e-6)
 
 
-def test_chosen_samples_are_those_of_the_whole():
+def test_linearize_chosen_samples_agree_with_the_whole_run():
     left, right = angles_of([(0.3, 0.5), (2.0, -1.0), (0.0, 0.7), (1.5, 1.5)])
     whole, chosen = (linearize(ROBOT, left, right, chosen=which) for which in (
         slice(None), [0, 2, 4]))

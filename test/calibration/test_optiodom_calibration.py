@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 from support import optiodom
-from support.optiodom import CIRCULAR, drives, median_final_error, NOMINAL, OTHER_SQUARE, SQUARE
+from support.optiodom import CIRCULAR, median_final_error, NOMINAL, OTHER_SQUARE, runs, SQUARE
 
 pytestmark = pytest.mark.skipif(
     not optiodom.DATA.is_dir(),
@@ -18,18 +18,18 @@ pytestmark = pytest.mark.skipif(
 @pytest.fixture(scope='module')
 def circular():
     """Return the calibration by the circles alone."""
-    return calibrate(drives(CIRCULAR), NOMINAL)
+    return calibrate(runs(CIRCULAR), NOMINAL)
 
 
-def test_the_circles_give_the_geometry_that_their_authors_know(circular):
+def test_circles_give_the_published_geometry(circular):
     assert circular.drive.wheel_separation == pytest.approx(0.2022, abs=0.5e-3)
     assert 2.0 * circular.drive.right_wheel_radius == pytest.approx(0.0837, abs=0.1e-3)
     assert 2.0 * circular.drive.left_wheel_radius == pytest.approx(0.0838, abs=0.1e-3)
     assert circular.unobservable == ()
-    assert [drive.outlier for drive in circular.runs] == [''] * 6
+    assert [run.outlier for run in circular.runs] == [''] * 6
 
 
-def test_the_circles_end_within_a_tenth_of_their_nominal_error(circular):
+def test_circles_final_error_is_a_tenth_of_the_nominal_one(circular):
     assert median_final_error(NOMINAL, CIRCULAR) == pytest.approx(0.107, abs=1e-3)
     assert median_final_error(circular.drive, CIRCULAR) <= 0.010
 
@@ -40,7 +40,7 @@ def test_the_circles_end_within_a_tenth_of_their_nominal_error(circular):
         reason='0.0445: on circles the separation is 1 mm larger than on squares, see '
         'doc/calibration_data.md')),
 ])
-def test_squares_that_the_circles_have_not_seen_end_nearer(
+def test_circles_calibration_improves_squares(
         circular, recordings, nominal, at_most):
     assert median_final_error(NOMINAL, recordings) == pytest.approx(nominal, abs=1e-3)
     assert median_final_error(circular.drive, recordings) <= at_most
@@ -50,14 +50,14 @@ def test_squares_that_the_circles_have_not_seen_end_nearer(
 def by_set(circular):
     """Return the calibrations by each set alone."""
     squares = {
-        recordings: calibrate(drives(recordings), NOMINAL, keep_all=True)
+        recordings: calibrate(runs(recordings), NOMINAL, keep_all=True)
         for recordings in (SQUARE, OTHER_SQUARE)}
     return squares | {CIRCULAR: circular}
 
 
 @pytest.mark.parametrize(('fitted_on', 'judged'), list(itertools.permutations(
     [CIRCULAR, SQUARE, OTHER_SQUARE], 2)))
-def test_geometry_and_noise_of_one_set_give_another_a_true_covariance(by_set, fitted_on, judged):
+def test_calibration_of_one_set_gives_another_a_true_covariance(by_set, fitted_on, judged):
     assert 0.4 <= optiodom.mean_nees(by_set[fitted_on], judged) <= 2.0
 
 
@@ -65,40 +65,40 @@ def test_geometry_and_noise_of_one_set_give_another_a_true_covariance(by_set, fi
 def by_circles_and():
     """Return the calibrations by the circles and one set of squares."""
     return {
-        squares: calibrate(drives(CIRCULAR) + drives(squares), NOMINAL, keep_all=True)
+        squares: calibrate(runs(CIRCULAR) + runs(squares), NOMINAL, keep_all=True)
         for squares in (SQUARE, OTHER_SQUARE)}
 
 
-def test_circles_and_squares_together_carry_over_to_other_squares(by_circles_and):
+def test_circles_and_squares_calibration_improves_other_squares(by_circles_and):
     found = by_circles_and[SQUARE]
     assert median_final_error(found.drive, OTHER_SQUARE) <= 0.026
     assert median_final_error(found.drive, CIRCULAR) <= 0.025
-    # The squares of one set end as near as those that were fitted.
+    # The squares of this set are part of the fit.
     assert median_final_error(found.drive, SQUARE) <= 0.020
 
 
 def plain_fit(*sets):
-    """Return the least squares over positions of whole drives, their starts taken as exact."""
-    runs = [run for recordings in sets for run in drives(recordings)]
+    """Return the least squares over positions of whole runs, with exact starts."""
+    kept = [run for recordings in sets for run in runs(recordings)]
 
     def errors(geometry):
         drive = DiffDrive(*geometry)
         return np.concatenate([
             (integrate(drive, run.left, run.right, run.reference[0]) - run.reference)[::20, :2]
-            for run in runs], axis=None)
+            for run in kept], axis=None)
 
     start = [NOMINAL.wheel_separation, NOMINAL.left_wheel_radius, NOMINAL.right_wheel_radius]
     return DiffDrive(*optimize.least_squares(errors, start, x_scale=start).x)
 
 
 @pytest.mark.parametrize(('squares', 'others'), [(SQUARE, OTHER_SQUARE), (OTHER_SQUARE, SQUARE)])
-def test_two_kinds_of_drives_carry_over_further_than_by_a_plain_fit(
+def test_two_kinds_of_runs_generalise_better_than_a_plain_fit(
         by_circles_and, squares, others):
     found, plain = by_circles_and[squares], plain_fit(CIRCULAR, squares)
     assert median_final_error(found.drive, others) < 0.9 * median_final_error(plain, others)
 
 
-def test_the_capture_has_its_own_clock_and_marker(circular):
+def test_marker_and_reference_noise_are_those_of_the_capture(circular):
     assert np.abs(circular.marker[:2]).max() < 0.003
     assert circular.marker[2] == pytest.approx(-0.006, abs=0.002)
     assert 0.0003 < circular.reference_std[0] < 0.002

@@ -1,10 +1,10 @@
 """
-Are the error bars of a calibration true? Tables of z-scores, as consistency.py's of covariances.
+Check the error bars of calibrations by z-scores, as consistency.py checks covariances.
 
-Robots with radii, a separation and noise of their own drive along different shapes; the truth is
-cut ten times finer than what the logs hold, by code that shares nothing with the package. Each
-drive is seen by a capture with noise, a frame, a clock and a marker of its own. If the error bars
-are true, the errors of the geometry over its deviations have a standard deviation of 1.
+Each robot has its own radii, separation and noise, and drives along several shapes. The truth has
+ten times the rate of the runs, by code that shares nothing with the package. Each run has a
+reference with its own noise, frame, clock and marker. If the error bars are true, the errors of
+the geometry over its standard deviations have a standard deviation of 1.
 """
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -27,8 +27,8 @@ BAND = 0.1  # around 1, for that many: three deviations of chance; wider for few
 NOMINAL = DiffDrive(0.30, 0.05, 0.05)
 NOISE = WheelNoise(6e-6, 6e-6, 4e-5)
 
-STEP = 0.005  # [s], of the truth
-STEPS_A_SAMPLE = 10
+STEP_S = 0.005  # of the truth
+STEPS_PER_SAMPLE = 10
 
 # Linear [m/s] and angular [rad/s] speed, and for how long [s].
 SHAPES = {
@@ -45,13 +45,13 @@ def simulated_run(
     name: str, drive: DiffDrive, noise: WheelNoise, marker: Array, random: np.random.Generator,
     position_std: float = 1e-3, heading_std: float = 4e-3,
 ) -> Run:
-    """Return the log of a drive along a shape; the capture has a frame and clock of its own."""
+    """Return a run along a shape; the reference has its own frame and clock."""
     rim_left = np.concatenate([
-        np.full(round(seconds / STEP), linear - 0.5 * drive.wheel_separation * angular)
-        for linear, angular, seconds in SHAPES[name]]) * STEP
+        np.full(round(seconds / STEP_S), linear - 0.5 * drive.wheel_separation * angular)
+        for linear, angular, seconds in SHAPES[name]]) * STEP_S
     rim_right = np.concatenate([
-        np.full(round(seconds / STEP), linear + 0.5 * drive.wheel_separation * angular)
-        for linear, angular, seconds in SHAPES[name]]) * STEP
+        np.full(round(seconds / STEP_S), linear + 0.5 * drive.wheel_separation * angular)
+        for linear, angular, seconds in SHAPES[name]]) * STEP_S
     count = len(rim_left)
     turn = (rim_right - rim_left) / drive.wheel_separation
     left = rim_left + np.sqrt(noise.left_travel * np.abs(rim_left)) * random.normal(size=count)
@@ -60,22 +60,25 @@ def simulated_run(
         np.sqrt(noise.turn * np.abs(turn)) * random.normal(size=count))
     x, y, theta = np.array([*random.uniform(-2.0, 2.0, 2), random.uniform(-3.0, 3.0)])
     headings = theta + np.concatenate([[0.0], np.cumsum(turn)])
-    middle, way = headings[:-1] + 0.5 * turn, 0.5 * (left + right)
+    middle, distance = headings[:-1] + 0.5 * turn, 0.5 * (left + right)
     poses = np.stack([
-        x + np.concatenate([[0.0], np.cumsum(way * np.cos(middle))]),
-        y + np.concatenate([[0.0], np.cumsum(way * np.sin(middle))]), headings], axis=-1)
-    seconds = STEP * np.arange(count + 1)
-    seen = se2.compose(poses, marker)[::STEPS_A_SAMPLE]
-    seen = seen + random.normal(size=seen.shape) * [position_std, position_std, heading_std]
+        x + np.concatenate([[0.0], np.cumsum(distance * np.cos(middle))]),
+        y + np.concatenate([[0.0], np.cumsum(distance * np.sin(middle))]), headings], axis=-1)
+    seconds = STEP_S * np.arange(count + 1)
+    reference = se2.compose(poses, marker)[::STEPS_PER_SAMPLE]
+    noise_std = [position_std, position_std, heading_std]
+    reference = reference + random.normal(size=reference.shape) * noise_std
+    left_angles, right_angles = (
+        np.concatenate([[0.0], np.cumsum(rim)])[::STEPS_PER_SAMPLE] / radius
+        for rim, radius in (
+            (rim_left, drive.left_wheel_radius), (rim_right, drive.right_wheel_radius)))
+    seconds = seconds[::STEPS_PER_SAMPLE]
     return Run(
-        name, seconds[::STEPS_A_SAMPLE],
-        np.concatenate([[0.0], np.cumsum(rim_left)])[::STEPS_A_SAMPLE] / drive.left_wheel_radius,
-        np.concatenate([[0.0], np.cumsum(rim_right)])[::STEPS_A_SAMPLE] / drive.right_wheel_radius,
-        seconds[::STEPS_A_SAMPLE] + random.normal() * 0.02, seen)
+        name, seconds, left_angles, right_angles, seconds + random.normal() * 0.02, reference)
 
 
 def z_scores(seed: int) -> Array:
-    """Return the errors of one calibration's geometry over its deviations, (3,)."""
+    """Return the errors of one calibration's geometry over its standard deviations, (3,)."""
     random = np.random.default_rng(seed)
     truth = DiffDrive(*(
         np.array([0.30, 0.05, 0.05]) * (1.0 + random.normal(size=3) * [0.01, 0.003, 0.003])))
@@ -91,22 +94,22 @@ def z_scores(seed: int) -> Array:
 
 
 def scores(count: int, seed: int) -> Iterator[Array]:
-    """Yield the scores of so many calibrations, on all cores."""
+    """Yield the z-scores of so many calibrations, on all cores."""
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         yield from pool.map(functools.partial(z_scores), range(seed, seed + count), chunksize=5)
 
 
-def judge(count: int, seed: int) -> bool:
+def check(count: int, seed: int) -> bool:
     """Print the table; return whether the error bars are true."""
     table = np.array(list(scores(count, seed)))
     band = BAND * math.sqrt(CALIBRATIONS / count)
-    print(f'z-scores of {count} calibrations by {len(SHAPES)} drives each, to be within '
+    print(f'z-scores of {count} calibrations by {len(SHAPES)} runs each: must be within '
           f'{1.0 - band:.2f} and {1.0 + band:.2f} in standard deviation.')
-    true = True
+    is_true = True
     for name, column in zip(('separation', 'left radius', 'right radius'), table.T, strict=True):
         spread = float(column.std())
-        good = abs(spread - 1.0) < band
-        true = true and good
+        is_within = abs(spread - 1.0) < band
+        is_true = is_true and is_within
         print(f'{name:13}mean {column.mean():6.3f}   standard deviation {spread:.3f}'
-              + ('' if good else '   FAILED'))
-    return true
+              + ('' if is_within else '   FAILED'))
+    return is_true

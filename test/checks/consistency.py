@@ -1,20 +1,20 @@
 """
-Is the covariance of the odometry true? Run as a script: tables, and 1 for an answer of no.
+Check the covariance of the odometry. As a script: tables, and exit code 1 if it is not true.
 
-The wheels of a simulated robot turn, and thousands of robots roll over the floor on them, each
-with noise of its own and, in half of the cells, with radii and a separation of its own. One
-odometry hears the wheels at a tenth of the rate. If its covariance P is true, e^T P^-1 e / 3
-(NEES/3, e the error of the last pose) is 1 in the mean over the robots, but for the chance of
-chi-square. The noise on the floor is drawn by code that shares nothing with the package.
+Thousands of simulated robots have the same wheel angles, each with its own noise and, in half of
+the cells, its own radii and separation. One odometry receives the wheel
+angles at a tenth of the rate. If its covariance P is true, e^T P^-1 e / 3 (NEES/3, e the error of
+the last pose) has a mean of 1 over the robots, within the bounds of chi-square. The noise of the
+wheels on the floor is drawn by code that shares nothing with the package.
 
-A covariance is a linear thing: judged is where the heading is uncertain by 0.01 rad at the end,
-and what comes of it beyond is shown. On a straight line of length l, NEES/3 of white noise is
-1 + 0.19 (l sigma / s)^2 for a deviation sigma of the heading and a separation s. Then the odometry
-is told each parameter of the noise by half, and the same check has to fail.
+A covariance is a linear approximation. Cells with a standard deviation of the final heading of
+0.01 rad are checked; larger ones are printed only. On a straight line of length l, NEES/3 of white
+noise is 1 + 0.19 (l sigma / s)^2 for a heading with the standard deviation sigma and a separation
+s. Then each noise parameter of the odometry is halved, and the same check has to fail.
 
-With --calibrations, the error bars of calibrations are judged likewise: see
-calibration_consistency.py. With --optiodom, a real robot under motion capture instead: noise
-fitted on one set of runs judges the others.
+With --calibrations, the error bars of calibrations are checked: see calibration_consistency.py.
+With --optiodom, a real robot under motion capture: noise fitted on one set of runs is checked on
+the others.
 """
 import argparse
 from dataclasses import dataclass, fields, replace
@@ -34,18 +34,18 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 RUNS = 2000
-CONFIDENCE = 0.99  # for all judged cells together
-JUDGED = 0.01  # [rad], the deviation of the last heading
-SHOWN = (0.02, 0.04, 0.1)
+CONFIDENCE = 0.99  # for all checked cells together
+CHECKED_STD_RAD = 0.01  # of the final heading
+PRINTED_STDS_RAD = (0.02, 0.04, 0.1)
 
-STEP = 0.005  # [s], of the truth
-STEPS_A_SAMPLE = 10
+STEP_S = 0.005  # of the truth
+STEPS_PER_SAMPLE = 10
 START = (3.0, -2.0, 0.7)
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot; of its noise and the uncertainty of its geometry, only the proportions count."""
+    """A robot; its noise and the uncertainty of its geometry are proportions, scaled per cell."""
 
     drive: DiffDrive
     noise: WheelNoise
@@ -75,24 +75,24 @@ PATHS = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination to try; heading is the deviation [rad] that it shall have at the end."""
+    """One combination; heading is the standard deviation of the final heading [rad]."""
 
     path: str
     wheels: str
     systematic: bool
-    heading: float = JUDGED
+    heading: float = CHECKED_STD_RAD
 
     @property
     def drive(self) -> DiffDrive:
-        """Return the geometry that the odometry is given."""
+        """Return the geometry of the odometry."""
         return ROBOTS[self.wheels].drive
 
 
-JUDGED_CELLS = tuple(
+CHECKED_CELLS = tuple(
     Cell(path, wheels, systematic) for path, wheels, systematic in itertools.product(
         ('straight', 'arc', 'spin', 'eight'), ('equal', 'unequal'), (False, True)))
 BENT_CELL = Cell('20 m', 'small', False)
-"""Too long for a linear covariance even at the judged deviation: shown only."""
+"""Too long for a linear covariance even at the checked standard deviation: printed only."""
 
 
 def wheel_angles(cell: Cell) -> Array:
@@ -104,14 +104,14 @@ def wheel_angles(cell: Cell) -> Array:
     angles = [robot.encoders]
     for linear, angular, seconds in PATHS[cell.path]:
         robot.command(*drive.wheel_speeds(linear, angular))
-        for _ in range(STEPS_A_SAMPLE * round(seconds / STEP / STEPS_A_SAMPLE)):
-            robot.advance(STEP)
+        for _ in range(STEPS_PER_SAMPLE * round(seconds / STEP_S / STEPS_PER_SAMPLE)):
+            robot.advance(STEP_S)
             angles.append(robot.encoders)
     return np.array(angles)
 
 
 def scaled(cell: Cell, angles: Array) -> tuple[WheelNoise, GeometryUncertainty]:
-    """Return the robot's noise and uncertainty, made such that the heading is as uncertain."""
+    """Return noise and uncertainty of the robot, scaled to the cell's heading."""
     robot, drive = ROBOTS[cell.wheels], cell.drive
     noise, known, s = robot.noise, robot.uncertainty, drive.wheel_separation
     moved = np.diff(angles, axis=0) * [drive.left_wheel_radius, drive.right_wheel_radius]
@@ -137,7 +137,7 @@ def true_ends(
     drive: DiffDrive, noise: WheelNoise, uncertainty: GeometryUncertainty, angles: Array,
     runs: int, random: np.random.Generator,
 ) -> Array:
-    """Return the last poses, (3, runs), of robots whose wheels have turned by these angles."""
+    """Return the last poses, (3, runs), of robots with these wheel angles and their own noise."""
     separation = drive.wheel_separation + (
         uncertainty.wheel_separation * random.standard_normal(runs))
     left_radius = drive.left_wheel_radius + (
@@ -167,11 +167,11 @@ def mean_nees(odometry: Odometry, ends: Array) -> float:
 def odometry_of(
     cell: Cell, noise: WheelNoise, uncertainty: GeometryUncertainty, angles: Array,
 ) -> Odometry:
-    """Return the odometry that has heard these angles at a tenth of their rate."""
+    """Return the odometry after these angles, at a tenth of their rate."""
     odometry = Odometry(
         cell.drive, noise=noise, geometry_uncertainty=uncertainty, start=START)
-    period_ns = round(STEPS_A_SAMPLE * STEP * 1e9)
-    for number, (left, right) in enumerate(angles[::STEPS_A_SAMPLE].tolist()):
+    period_ns = round(STEPS_PER_SAMPLE * STEP_S * 1e9)
+    for number, (left, right) in enumerate(angles[::STEPS_PER_SAMPLE].tolist()):
         odometry.update(left, right, number * period_ns)
     return odometry
 
@@ -182,7 +182,7 @@ PARAMETERS = tuple(field.name for field in (*fields(WheelNoise), *fields(Geometr
 def halved(
     name: str, noise: WheelNoise, uncertainty: GeometryUncertainty,
 ) -> tuple[WheelNoise, GeometryUncertainty]:
-    """Return noise and uncertainty with the parameter of this name, if any, by half."""
+    """Return noise and uncertainty with the parameter of this name, if any, halved."""
     if hasattr(noise, name):
         return replace(noise, **{name: 0.5 * getattr(noise, name)}), uncertainty
     if hasattr(uncertainty, name):
@@ -193,7 +193,7 @@ def halved(
 def nees_of(
     cell: Cell, names: tuple[str, ...] = ('',), *, runs: int = RUNS, seed: int = 0,
 ) -> list[float]:
-    """Return the mean NEES/3 of a cell, once for each name of a parameter told by half."""
+    """Return the mean NEES/3 of a cell, once for each name of a halved parameter."""
     angles = wheel_angles(cell)
     noise, uncertainty = scaled(cell, angles)
     ends = true_ends(
@@ -205,11 +205,11 @@ def nees_of(
 
 def band(cells: int, runs: int = RUNS) -> tuple[float, float]:
     """
-    Return the least and the most that the mean NEES/3 of each of the cells may be.
+    Return the bounds of the mean NEES/3 of each of the cells.
 
     If the covariance is true, all of them are within with a probability of CONFIDENCE: two-sided
-    quantiles of chi-square with 3 degrees of freedom a run, by Wilson and Hilferty, for an error
-    shared out over the cells as Bonferroni does.
+    quantiles of chi-square with 3 degrees of freedom a run, by Wilson and Hilferty, with
+    Bonferroni's correction for the number of cells.
     """
     z = NormalDist().inv_cdf(1.0 - 0.5 * (1.0 - CONFIDENCE) / cells)
     spread = 2.0 / (9.0 * 3.0 * runs)
@@ -217,34 +217,34 @@ def band(cells: int, runs: int = RUNS) -> tuple[float, float]:
     return low, high
 
 
-def judge(runs: int, seed: int, halve: str) -> bool:
+def check(runs: int, seed: int, halve: str) -> bool:
     """Print the tables of the simulated runs; return whether the covariance is true."""
-    low, high = band(len(JUDGED_CELLS), runs)
+    low, high = band(len(CHECKED_CELLS), runs)
     names = (halve,) if halve else ('', *PARAMETERS)
-    print(f'Mean NEES/3 of {runs} runs a cell, by the deviation of the last heading [rad].')
-    print(f'Judged: {JUDGED} rad, to be within {low:.3f} and {high:.3f}.\n')
+    print(f'Mean NEES/3 of {runs} runs a cell, by the std of the final heading [rad].')
+    print(f'Checked: {CHECKED_STD_RAD} rad, must be within {low:.3f} and {high:.3f}.\n')
     print(f'{"path":9}{"wheels":9}{"geometry":11}' + ''.join(
-        f'{heading:8}' for heading in (JUDGED, *SHOWN)))
+        f'{heading:8}' for heading in (CHECKED_STD_RAD, *PRINTED_STDS_RAD)))
     table = []
-    for number, cell in enumerate((*JUDGED_CELLS, BENT_CELL)):
-        told = nees_of(cell, names, runs=runs, seed=seed + number)
+    for number, cell in enumerate((*CHECKED_CELLS, BENT_CELL)):
+        checked = nees_of(cell, names, runs=runs, seed=seed + number)
         beyond = (
             nees_of(replace(cell, heading=heading), names[:1], runs=runs, seed=seed + number)
-            for heading in SHOWN)
+            for heading in PRINTED_STDS_RAD)
         print(f'{cell.path:9}{cell.wheels:9}{"uncertain" if cell.systematic else "exact":11}'
-              + ''.join(f'{nees:8.3f}' for nees in (told[0], *itertools.chain(*beyond)))
-              + ('   not judged' if cell is BENT_CELL else
-                 '' if low < told[0] < high else '   FAILED'), flush=True)
+              + ''.join(f'{nees:8.3f}' for nees in (checked[0], *itertools.chain(*beyond)))
+              + ('   not checked' if cell is BENT_CELL else
+                 '' if low < checked[0] < high else '   FAILED'), flush=True)
         if cell is not BENT_CELL:
-            table.append(told)
+            table.append(checked)
     print()
-    true = all(low < told[0] < high for told in table)
+    is_true = all(low < row[0] < high for row in table)
     for name, column in zip(names[1:], list(zip(*table, strict=True))[1:], strict=True):
-        detected = not all(low < nees < high for nees in column)
-        true = true and detected
-        print(f'{name} told by half: {min(column):.3f} to {max(column):.3f}, '
-              + ('the check fails, as it has to' if detected else 'NOT NOTICED'))
-    return true
+        is_detected = not all(low < nees < high for nees in column)
+        is_true = is_true and is_detected
+        print(f'{name} halved: {min(column):.3f} to {max(column):.3f}, '
+              + ('the check fails, as it must' if is_detected else 'NOT DETECTED'))
+    return is_true
 
 
 # The real robot: see ../shared/data/optiodom/README.md.
@@ -255,13 +255,13 @@ TICK = 2.0 * math.pi / 2796.8  # [rad]
 CALIBRATED = DiffDrive(0.2022, 0.0419, 0.04185)
 # Of one captured pose, from its jitter along the runs: position [m] and heading [rad].
 CAPTURE = (0.0005, 0.004)
-# The runs do not tell travel and scrub apart: one size k of the noise, in these proportions.
+# The runs do not separate travel and scrub: one size k of the noise, in these proportions.
 PROPORTIONS = WheelNoise(1.0, 1.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Drives:
-    """Real drives: errors of their last poses, (N, 3), and covariances of these, (N, 3, 3)."""
+class RealRuns:
+    """Real runs: errors of their last poses, (N, 3), and the covariances, (N, 3, 3)."""
 
     errors: Array
     noise: Array  # for k = 1
@@ -283,13 +283,13 @@ class Drives:
         return max(np.geomspace(1e-8, 1e-3, 501).tolist(), key=self.likelihood)
 
 
-def real_drives(recordings: str, parts: int) -> Drives:
-    """Return the drives of a set, each cut in parts of equal travel."""
+def real_runs(recordings: str, parts: int) -> RealRuns:
+    """Return the runs of a set, each cut into parts of equal travel."""
     folder, prefix = recordings.split('/')
-    drives = [
-        drive for run in sorted((OPTIODOM / folder).glob(f'{prefix}_run-*.csv'))
-        for drive in _parts_of(np.loadtxt(run, delimiter=',').T, parts)]
-    return Drives(*(np.array(part) for part in zip(*drives, strict=True)))
+    runs = [
+        part for path in sorted((OPTIODOM / folder).glob(f'{prefix}_run-*.csv'))
+        for part in _parts_of(np.loadtxt(path, delimiter=',').T, parts)]
+    return RealRuns(*(np.array(column) for column in zip(*runs, strict=True)))
 
 
 def _parts_of(columns: Array, parts: int) -> list[tuple[Array, Array, Array]]:
@@ -298,30 +298,30 @@ def _parts_of(columns: Array, parts: int) -> list[tuple[Array, Array, Array]]:
     wheels = np.cumsum(np.stack([left_ticks, right_ticks], axis=-1), axis=0) * TICK
     travel = np.cumsum(np.abs(left_ticks) + np.abs(right_ticks))
     cuts = np.searchsorted(travel, travel[-1] * np.arange(1, parts) / parts)
-    drives = []
+    runs = []
     for first, last in itertools.pairwise([0, *cuts.tolist(), len(travel) - 1]):
         odometry = Odometry(CALIBRATED, noise=PROPORTIONS)
         for stamp, (left, right) in enumerate(wheels[first:last + 1].tolist()):
             odometry.update(left, right, stamp)
-        pose, seen = odometry.pose, se2.between(truth[first], truth[last])
-        # An error of the first captured heading turns the whole drive about its start.
+        pose, true_pose = odometry.pose, se2.between(truth[first], truth[last])
+        # An error of the first captured heading rotates the whole run about its start.
         turned = np.array([-pose[1], pose[0], 1.0])
         capture = CAPTURE[1]**2 * (np.outer(turned, turned) + np.diag([0.0, 0.0, 1.0]))
         capture += 2.0 * CAPTURE[0]**2 * np.diag([1.0, 1.0, 0.0])
-        error = seen - pose
+        error = true_pose - pose
         error[2] = se2.wrap_angle(error[2])
-        drives.append((error, odometry.pose_covariance, capture))
-    return drives
+        runs.append((error, odometry.pose_covariance, capture))
+    return runs
 
 
-def judge_optiodom() -> None:
-    """Print what noise fitted on the quarters of the runs of each set makes of all of them."""
+def print_optiodom() -> None:
+    """Print the mean NEES/3 of all sets by the noise fitted on the quarter runs of each set."""
     print('k [m^2/m] fitted on the quarter runs of a set; mean NEES/3 of the last poses of')
     print(f'{"fitted on":24}{"k":>9}' + ''.join(f'{recordings:>24}' for recordings in SETS))
     for fitted_on in SETS:
-        k = real_drives(fitted_on, 4).fitted()
+        k = real_runs(fitted_on, 4).fitted()
         print(f'{fitted_on:24}{k:9.1e}' + ''.join(
-            f'{real_drives(recordings, 1).nees(k):24.2f}' for recordings in SETS))
+            f'{real_runs(recordings, 1).nees(k):24.2f}' for recordings in SETS))
 
 
 def main() -> int:
@@ -331,22 +331,22 @@ def main() -> int:
     parser.add_argument('--runs', type=int, default=RUNS, help='of each cell; default %(default)s')
     parser.add_argument('--seed', type=int, default=0, help='of the truth; default %(default)s')
     parser.add_argument(
-        '--halve', choices=PARAMETERS, default='', help='tell the odometry this one by half')
+        '--halve', choices=PARAMETERS, default='', help='halve this one in the odometry')
     parser.add_argument(
-        '--calibrations', type=int, default=0, help='judge the error bars of so many instead')
-    parser.add_argument('--optiodom', action='store_true', help=f'judge the runs in {OPTIODOM}')
+        '--calibrations', type=int, default=0, help='check the error bars of so many instead')
+    parser.add_argument('--optiodom', action='store_true', help=f'check the runs in {OPTIODOM}')
     arguments = parser.parse_args()
     if arguments.optiodom:
-        judge_optiodom()
+        print_optiodom()
         return 0
     if arguments.calibrations:
-        from checks.calibration_consistency import judge as judge_calibrations
-        true = judge_calibrations(arguments.calibrations, arguments.seed)
-        print('\nThe error bars are ' + ('true.' if true else 'NOT true.'))
-        return 0 if true else 1
-    true = judge(arguments.runs, arguments.seed, arguments.halve)
-    print('\nThe covariance is ' + ('true.' if true else 'NOT true.'))
-    return 0 if true else 1
+        from checks.calibration_consistency import check as check_calibrations
+        is_true = check_calibrations(arguments.calibrations, arguments.seed)
+        print('\nThe error bars are ' + ('true.' if is_true else 'NOT true.'))
+        return 0 if is_true else 1
+    is_true = check(arguments.runs, arguments.seed, arguments.halve)
+    print('\nThe covariance is ' + ('true.' if is_true else 'NOT true.'))
+    return 0 if is_true else 1
 
 
 if __name__ == '__main__':

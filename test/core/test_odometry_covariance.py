@@ -2,7 +2,7 @@
 import math
 import re
 
-from checks.consistency import band, Cell, nees_of, OPTIODOM, PARAMETERS, real_drives, SETS
+from checks.consistency import band, Cell, nees_of, OPTIODOM, PARAMETERS, real_runs, SETS
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import (
@@ -312,9 +312,9 @@ def test_covariance_is_consistent_and_half_parameters_are_not():
     not OPTIODOM.is_dir(), reason='the OptiOdom recordings are not in ../shared/data/optiodom')
 def test_noise_fitted_on_circles_is_consistent_on_squares():
     squares, circles = SETS[:2], SETS[2]
-    k = real_drives(circles, 4).fitted()
+    k = real_runs(circles, 4).fitted()
     assert 5e-7 < k < 5e-6
     for recordings in squares:
-        drives_of_set = real_drives(recordings, 1)
+        drives_of_set = real_runs(recordings, 1)
         assert len(drives_of_set.errors) == 6
         assert 0.3 < drives_of_set.nees(k) < 3.0

@@ -1,5 +1,5 @@
 """
-The OptiOdom recordings as drives and as logs: see ../shared/data/optiodom/README.md.
+The OptiOdom recordings as runs and as logs: see ../shared/data/optiodom/README.md.
 
 As a program it writes them as CSVs for the tools, into a folder:
 python test/support/optiodom.py FOLDER.
@@ -22,38 +22,38 @@ TICK = 2.0 * math.pi / 2796.8  # [rad]
 NOMINAL = DiffDrive(0.200, 0.042, 0.042)
 
 
-def drives(recordings):
-    """Return the drives of a set; the data give right ticks before left ones."""
+def runs(recordings):
+    """Return the runs of a set; the data have right ticks before left ones."""
     folder, prefix = recordings.split('/')
-    return [_drive(run) for run in sorted((DATA / folder).glob(f'{prefix}_run-*.csv'))]
+    return [_run(path) for path in sorted((DATA / folder).glob(f'{prefix}_run-*.csv'))]
 
 
-def _drive(run):
-    seconds, x, y, theta, right_ticks, left_ticks = np.loadtxt(run, delimiter=',').T
+def _run(path):
+    seconds, x, y, theta, right_ticks, left_ticks = np.loadtxt(path, delimiter=',').T
     seconds = seconds - seconds[0]
     return Run(
-        run.stem, seconds, np.cumsum(left_ticks) * TICK, np.cumsum(right_ticks) * TICK, seconds,
+        path.stem, seconds, np.cumsum(left_ticks) * TICK, np.cumsum(right_ticks) * TICK, seconds,
         np.stack([x, y, np.unwrap(theta)], axis=-1))
 
 
-def write_csv(drive, path):
-    """Write a drive as a log for the tools."""
-    rows = zip(drive.seconds, drive.left, drive.right, *drive.reference.T, strict=True)
+def write_csv(run, path):
+    """Write a run as a log for the tools."""
+    rows = zip(run.seconds, run.left, run.right, *run.reference.T, strict=True)
     path.write_text('stamp,left,right,x,y,theta\n' + ''.join(
         ','.join(f'{value:.9f}' for value in row) + '\n' for row in rows))
     return path
 
 
 def median_final_error(drive, recordings):
-    """Return the median over a set of how far the last position is off [m], from the start on."""
+    """Return the median final position error of a set [m], aligned at the first pose."""
     return float(np.median([
         np.hypot(*(integrate(drive, run.left, run.right)[-1] - run.reference[-1])[:2])
-        for run in drives(recordings)]))
+        for run in runs(recordings)]))
 
 
 def mean_nees(found, recordings):
     """
-    Return the mean NEES/3 of the last poses of a set, by geometry and noise of a calibration.
+    Return the mean NEES/3 of the last poses of a set, by a calibration.
 
     The start is the median over the first second: some first headings are off by up to 80 mrad.
     """
@@ -61,7 +61,7 @@ def mean_nees(found, recordings):
     capture = np.diag(np.square([found.position_std, found.position_std, found.heading_std]))
     slow = np.diag(np.square(
         [found.slow_position_std, found.slow_position_std, found.slow_heading_std]))
-    for run in drives(recordings):
+    for run in runs(recordings):
         linear = linearize(found.drive, run.left, run.right)
         body = se2.compose(run.reference, se2.inverse(found.marker))
         frames = se2.compose(body[:20], se2.inverse(linear.poses[:20]))
@@ -78,11 +78,11 @@ def mean_nees(found, recordings):
 
 
 def main(folder):
-    """Write the drives of all sets as logs into a folder."""
+    """Write the runs of all sets as logs into a folder."""
     folder.mkdir(exist_ok=True)
     for recordings in (CIRCULAR, SQUARE, OTHER_SQUARE):
-        for drive in drives(recordings):
-            print(write_csv(drive, folder / f'{drive.name}.csv'))
+        for run in runs(recordings):
+            print(write_csv(run, folder / f'{run.name}.csv'))
 
 
 if __name__ == '__main__':
