@@ -193,8 +193,8 @@ class Page:
         arrival = self._robot.commands.arrivals
         with ui.dialog() as dialog, ui.card():
             ui.label('This moves a real robot').classes('text-lg font-bold')
-            ui.label('Is nobody near it, and is somebody at its emergency stop? Your keys and the '
-                     'joystick will then drive it.')
+            ui.label('Make sure that nobody is near it, and that a person is at its emergency '
+                     'stop. Your keys and the joystick will drive it.')
             with ui.row():
                 self._permission.on_current(
                     ui.button('Drive it').props('no-caps color=deep-orange-10'), 'click',

@@ -184,7 +184,7 @@ class ParametersPanel:
         except ServiceError as error:
             reason = str(error)
         if reason:
-            now = next((each.text for each in self._shown if each.name == name), 'not known')
+            now = next((each.text for each in self._shown if each.name == name), 'not read')
             reason = f'Refused: {reason}. It is {now}'
         self._results[name].set_text(reason or 'Set')
         self._results[name].classes(**{'add' if reason else 'remove': 'refused'})

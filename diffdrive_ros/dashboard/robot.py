@@ -103,7 +103,7 @@ class DashboardRobot:
         if self.is_silent and not waits_for_command:
             return 'odom is silent'
         if not parameters.is_known:
-            return parameters.mismatch or 'its parameters are not known yet'
+            return parameters.mismatch or 'its parameters are not read yet'
         if self._is_slow:
             return f'its publish_rate is below {MIN_ODOM_RATE_HZ:g} Hz, too slow to drive by'
         timeout = float(parameters.value('cmd_vel_timeout'))

@@ -36,7 +36,7 @@ class RobotMap(
             'trajectories': self._new_points(), 'wheelSeparation': drive.wheel_separation})
 
     def acknowledge(self, frame_time: float, is_visible: bool) -> None:
-        """Note the newest frame that the browser has drawn, by a heartbeat."""
+        """Record the newest frame that the browser has drawn, from a heartbeat."""
         if frame_time > self._drawn_at:
             self._drawn_at, self._pending = frame_time, 0
         elif is_visible:

@@ -31,7 +31,7 @@ class CommandsStatus:
 
     @property
     def inhibits(self) -> list[str]:
-        """Return what inhibits the wheels, by the words of /diagnostics."""
+        """Return what inhibits the wheels, as the key `inhibits` lists it."""
         if not self.is_current:
             return []
         return inhibits_of(self._node.diagnostics[self._node.commands_status][1])
@@ -117,5 +117,5 @@ def inhibits_of(status: Any) -> list[str]:
 
 def describe(inhibits: list[str]) -> str:
     """Return what inhibits the wheels for a person to read."""
-    texts: dict[str, str] = {inhibit.value: text for inhibit, text in REASONS.items()}
+    texts = {inhibit.value: text for inhibit, text in REASONS.items()}
     return ', '.join(texts.get(word, word) for word in inhibits)

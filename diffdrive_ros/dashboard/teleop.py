@@ -41,7 +41,7 @@ class _Client:
     """
     A page: its last sequence number, and the state of its dead-man switch.
 
-    is_armed: its controls were at rest since the last stop. is_held: it asked for motion in vain.
+    is_armed: its controls were at rest since the last stop. is_held: its command was ignored.
     """
 
     sequence_number: int = -1
@@ -54,7 +54,7 @@ class Teleop:
     """
     Decides on each heartbeat; the methods return the twist to publish now, or None.
 
-    One page drives. The first that asks for motion takes control while nobody has it; afterwards
+    One page drives. The first that asks for motion takes control while no page has it; afterwards
     only take_control changes the driver. The dead-man switch: after every stop but the driver's
     own, the controls have to return to rest before they count again.
     """
@@ -118,7 +118,7 @@ class Teleop:
         return self._trip(page, 'a heartbeat of this page is invalid')
 
     def check_timeout(self, now: float) -> Twist | None:
-        """Stop a robot whose driver's heartbeats ended; to be called all the time."""
+        """Stop a robot whose driver's heartbeats ended; to be called periodically."""
         if self.driver and self._moving_since is not None and (
                 now - self._moving_since > HEARTBEAT_TIMEOUT_S):
             return self._trip(self.driver, 'heartbeat timeout')

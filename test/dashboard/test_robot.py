@@ -77,7 +77,7 @@ def test_node_started_after_the_stop_is_disabled_too(
         return robot.software_stop.is_confirmed
 
     wait_until(lambda: robot.commands.is_current, 5.0)
-    assert not is_disabled_when_maintained()  # nobody pressed STOP
+    assert not is_disabled_when_maintained()  # STOP was not pressed
     robot.teleop.stop()
     wait_until(is_disabled_when_maintained, 5.0)
     asyncio.run(robot.software_stop.release(robot.teleop.stop_count))
@@ -108,7 +108,7 @@ def test_robot_is_not_driven_before_its_parameters_are_known(
     """And then it is."""
     make()
     robot = receive_odom()
-    assert 'not known yet' in robot.reason_not_to_drive
+    assert 'not read yet' in robot.reason_not_to_drive
     read_parameters(receive_odom())
     assert receive_odom().reason_not_to_drive == ''
 
@@ -159,7 +159,7 @@ def test_node_that_is_no_odometry_is_named_and_read_rarely(
         patch.setattr(clock, 'steady', lambda: later)
         assert robot.parameters.are_outdated
     station.node.create_publisher(Odometry, 'odom', 1)
-    wait_until(lambda: 'not known yet' in receive_odom().reason_not_to_drive)
+    wait_until(lambda: 'not read yet' in receive_odom().reason_not_to_drive)
     assert robot.parameters.are_outdated
 
 
@@ -172,7 +172,7 @@ def test_restarted_odometry_is_not_driven_before_it_is_read(
     robot = receive_odom()
     drive(robot)
     station.node.create_publisher(Odometry, 'odom', 1)
-    wait_until(lambda: 'not known yet' in receive_odom().reason_not_to_drive)
+    wait_until(lambda: 'not read yet' in receive_odom().reason_not_to_drive)
     assert not robot.teleop.is_moving
     assert robot.parameters.are_outdated
     odometry.set_parameters([Parameter('cmd_vel_timeout', value=0.0)])
@@ -197,7 +197,7 @@ def test_parameters_of_an_earlier_odometry_are_discarded(
 
     before, robot.node.call = robot.parameters.invalidations, call_slowly
     read_parameters(robot)
-    assert 'not known yet' in robot.reason_not_to_drive
+    assert 'not read yet' in robot.reason_not_to_drive
 
 
 def test_robot_whose_odom_falls_silent_is_stopped(
@@ -212,7 +212,7 @@ def test_robot_whose_odom_falls_silent_is_stopped(
     assert not robot.teleop.is_moving
     assert robot.teleop.stop_reason('a') == 'odom is silent'
     assert robot.twist is None
-    assert 'not known yet' in receive_odom().reason_not_to_drive
+    assert 'not read yet' in receive_odom().reason_not_to_drive
 
 
 def test_invalid_message_does_not_prevent_the_stop(
@@ -372,7 +372,7 @@ def test_parameter_is_set_though_it_cannot_be_read_again(
 
     robot.node.call = call_in_vain
     assert asyncio.run(robot.parameters.change('cmd_vel_timeout', '0.4')) == ''
-    assert 'not known yet' in receive_odom().reason_not_to_drive
+    assert 'not read yet' in receive_odom().reason_not_to_drive
 
 
 def test_only_the_observed_odometry_counts_as_disabled(robot: DashboardRobot) -> None:

@@ -3,7 +3,7 @@ import { drawMap } from 'map_drawing';
 import { received, setTexts } from 'page_state';
 
 const INITIAL_SCALE = 200; // [px/m]
-const HANDLE_RADIUS = 22; // [px] within which a pointer grabs a handle
+const HANDLE_RADIUS_PX = 22; // within which a pointer grabs a handle
 const DROPPED_POSE_MS = 500; // for which a dropped pose is drawn before that of the odometry
 const ARROW_SCALE = 5; // [px] of a wheel's arrow for 1 rad/s
 
@@ -127,7 +127,7 @@ export default {
       const distances = Object.entries(this.handles()).map(([name, [x, y]]) => [
         Math.hypot(pointer[0] - x, pointer[1] - y), name]);
       const [distance, name] = distances.reduce((a, b) => (b[0] < a[0] ? b : a));
-      this.drag = { name: distance < HANDLE_RADIUS ? name : 'view', last: pointer };
+      this.drag = { name: distance < HANDLE_RADIUS_PX ? name : 'view', last: pointer };
       event.currentTarget.setPointerCapture(event.pointerId);
     },
     move(event) {
