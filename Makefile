@@ -42,7 +42,7 @@ example:  ## calibrate a simulated robot by its logs: doc/calibration.md is that
 	@.ci/environment run python -m diffdrive_ros.tools.example $(ARGS)
 
 browser:  ## test the dashboard in a real browser, Debian's chromium: minutes
-	@.ci/environment test python -m pytest -m browser test/dashboard/test_browser.py $(ARGS)
+	@.ci/environment test python -m pytest -m browser test/dashboard $(ARGS)
 
 latency:  ## measure from key press to wheel command: make latency ARGS='--presses 50'
 	@.ci/environment test python -m checks.page_latency $(ARGS)

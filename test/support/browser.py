@@ -1,6 +1,7 @@
 """A browser, a dashboard and the network between them, for tests."""
 from collections.abc import Callable
 import http.client
+import math
 import os
 from pathlib import Path
 import re
@@ -14,9 +15,13 @@ import threading
 import time
 from typing import Any
 
-from support.station import wait_until
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from support.station import Station, wait_until
 
 CHROMIUM = shutil.which('chromium')
+OBSERVER = '_ros2cli_station'  # subscribes as ros2 topic echo does, and is no motor driver
 
 
 def missing() -> str:
@@ -254,3 +259,83 @@ class Person:
         mouse.move(start[0] + right / 2, start[1] + down / 2)
         mouse.move(start[0] + right, start[1] + down)
         mouse.up()
+
+
+class Robot:
+    """What the robot of a test does, as a station receives it."""
+
+    def __init__(self, station: Station) -> None:
+        self.station = station
+        self.odom = station.hear(Odometry, 'odom')
+        self.wheels = station.hear(JointState, 'wheel_commands')
+        self.commands = station.hear(Twist, 'cmd_vel')
+        wait_until(lambda: self.odom, 40.0)  # processes may have just been started
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Return the pose of the odometry."""
+        pose = self.odom[-1][1].pose.pose
+        return (pose.position.x, pose.position.y,
+                2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
+
+    def is_driven(self) -> bool:
+        """Return whether the newest wheel command is not zero."""
+        return bool(self.wheels) and any(self.wheels[-1][1].velocity)
+
+    def stopped_after(self, moment: float, patience: float = 10.0) -> float:
+        """Return the time from a moment to the last wheel command that is not zero [s]."""
+        wait_until(lambda: time.monotonic() > moment + 1.0 and not self.is_driven(), patience)
+        last = max((at for at, message in list(self.wheels) if any(message.velocity)), default=0)
+        return last - moment
+
+    def twists_since(self, count: int) -> list[Twist]:
+        """Return the commands since there were count of them."""
+        return [message for _, message in self.commands[count:]]
+
+
+def start_driving(person: Person, robot: Robot, key: str = 'w') -> None:
+    """Press a key until the robot is driven, and hold it."""
+    person.press(key, robot.is_driven)
+
+
+def open_tab(person: Person, name: str) -> None:
+    """Open one of the panels."""
+    person.page.get_by_role('tab', name=name).click()
+
+
+def press_stop(person: Person) -> None:
+    """Click STOP."""
+    person.page.get_by_role('button', name='STOP the robot').click()
+
+
+def release(person: Person) -> None:
+    """Release the stop, and wait until the page shows it."""
+    person.page.get_by_role('button', name='Release the stop').click()
+    person.wait_for('drive')
+
+
+def fingers_on(person: Person) -> Callable[..., None]:
+    """Return a function that sends touch events with any number of fingers."""
+    session = person.page.context.new_cdp_session(person.page)
+
+    def touch(kind: str, *places: tuple[float, float]) -> None:
+        session.send('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': [
+            {'x': right, 'y': down, 'id': number}
+            for number, (right, down) in enumerate(places)]})
+
+    return touch
+
+
+def centre_of(element: object) -> tuple[float, float]:
+    """Return the centre of an element on the page."""
+    box = element.bounding_box()
+    return box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
+
+
+def barriers(person: Person) -> list[tuple[str, str]]:
+    """Return the serious barriers that axe-core finds."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(person.page).response['violations']
+    return [(each['id'], each['nodes'][0]['html']) for each in found
+            if each['impact'] in ('serious', 'critical')]
