@@ -101,7 +101,7 @@ def make(station: Station) -> Callable[..., OdometryNode]:
 
 
 @pytest.fixture
-def said(capfd: pytest.CaptureFixture) -> Callable[[], str]:
+def logged(capfd: pytest.CaptureFixture) -> Callable[[], str]:
     """
     Return a function that returns what was logged until now.
 

@@ -198,7 +198,7 @@ ODOMETRY = (
         'right_wheel_direction', 1, '',
         '-1: the right joints turn backward when the robot drives forward.', _DIRECTION),
     ParameterSpec(
-        'odom_frame_id', 'odom', '', 'Frame of the pose.', _NOT_EMPTY),
+        'odom_frame_id', 'odom', '', 'Frame of the pose in odom.', _NOT_EMPTY),
     ParameterSpec(
         'base_frame_id', 'base_link', '', 'Frame between the wheels, x forward.', _NOT_EMPTY),
     ParameterSpec(

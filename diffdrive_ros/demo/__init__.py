@@ -1,1 +1,1 @@
-"""A robot that drives a figure, and a verdict."""
+"""The demo: a simulated robot drives a path, and its odometry is checked."""

@@ -1,4 +1,4 @@
-"""The demo's driver: commands by cmd_vel, and an ear for what robot and odometry say."""
+"""The demo's driver: publishes cmd_vel, subscribes to odometry and the true pose."""
 import time
 from typing import Any
 
@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 
 class DriverNode(Node):
-    """A driver who writes down every pose, by its stamp [ns]."""
+    """Publishes commands, and records every pose by its timestamp [ns]."""
 
     def __init__(self) -> None:
         super().__init__('demo')
@@ -20,22 +20,22 @@ class DriverNode(Node):
         self.truth: dict[int, tuple[float, float, float]] = {}
         self.pose = (0.0, 0.0, 0.0)
         self.wheel_speeds = [0.0, 0.0]
-        self._heard_at = dict.fromkeys(('odom', 'ground_truth'), time.monotonic())
+        self._received_at = dict.fromkeys(('odom', 'ground_truth'), time.monotonic())
         self._commands = self.create_publisher(Twist, 'cmd_vel', 1)
         self.create_subscription(Odometry, 'odom', self._on_odometry, 50)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, 50)
         self.create_subscription(JointState, 'joint_states', self._on_joint_states, 50)
 
     def is_ready(self) -> bool:
-        """Return whether the robot listens to commands and both poses are heard."""
-        listeners = self._commands.get_subscription_count()
-        return bool(listeners and self.odometry and self.truth)
+        """Return whether the robot subscribes to commands and both poses are received."""
+        subscriptions = self._commands.get_subscription_count()
+        return bool(subscriptions and self.odometry and self.truth)
 
     def silent_topic(self, seconds: float) -> str | None:
-        """Return a topic on which nothing was heard for so long."""
+        """Return a topic without a message for so long, None if there is none."""
         now = time.monotonic()
         return next((
-            topic for topic, moment in self._heard_at.items() if now - moment > seconds), None)
+            topic for topic, moment in self._received_at.items() if now - moment > seconds), None)
 
     def command(self, linear: float, angular: float) -> None:
         """Publish a command [m/s, rad/s]."""
@@ -43,13 +43,13 @@ class DriverNode(Node):
         twist.linear.x, twist.angular.z = linear, angular
         self._commands.publish(twist)
 
-    def forget(self) -> None:
-        """Forget the poses until now."""
+    def clear(self) -> None:
+        """Discard the poses until now."""
         self.odometry.clear()
         self.truth.clear()
 
-    def tracks(self) -> tuple[Array, Array, Array]:
-        """Return the moments known to both [s], (N,), and their poses by odometry and truth."""
+    def trajectories(self) -> tuple[Array, Array, Array]:
+        """Return common times [s], (N,), and the poses of odometry and truth, (N, 3)."""
         stamps = sorted(self.odometry.keys() & self.truth.keys())
         odometry = np.array([self.odometry[stamp] for stamp in stamps])
         truth = np.array([self.truth[stamp] for stamp in stamps])
@@ -58,11 +58,11 @@ class DriverNode(Node):
         return np.array([(stamp - stamps[0]) * 1e-9 for stamp in stamps]), odometry, truth
 
     def _on_odometry(self, message: Any) -> None:
-        self._heard_at['odom'] = time.monotonic()
+        self._received_at['odom'] = time.monotonic()
         self.pose = self.odometry[_stamp_ns(message)] = _pose(message)
 
     def _on_truth(self, message: Any) -> None:
-        self._heard_at['ground_truth'] = time.monotonic()
+        self._received_at['ground_truth'] = time.monotonic()
         self.truth[_stamp_ns(message)] = _pose(message)
 
     def _on_joint_states(self, message: Any) -> None:

@@ -1,5 +1,5 @@
 """
-A drive with a simulated robot: commands and odometry over real ROS, judged by the true pose.
+Drive a simulated robot over real ROS, and check its odometry by the true pose.
 
 Starts simulator and odometry as processes, drives a path by cmd_vel, and compares odom with
 ground_truth. Exits with 0 only if the path was driven and the odometry was right.
@@ -44,34 +44,34 @@ PATHS: dict[str, tuple[tuple[float, float, float], ...]] = {
     'eight': ((0.4, 1.0, 2.0 * math.pi), (0.4, -1.0, 2.0 * math.pi)),
 }
 
-WORST_POSITION = 0.15  # [m]
-WORST_HEADING = 0.15  # [rad]
-WORST_COURSE = 0.5  # [m] from the planned end to the true one
+MAX_POSITION_ERROR_M = 0.15
+MAX_HEADING_ERROR_RAD = 0.15
+MAX_COURSE_ERROR_M = 0.5  # from the planned end to the true one
 
-LONGEST_START = 20.0  # [s]
-LONGEST_SILENCE = 2.0  # [s]
-PERIOD = 0.05  # [s] between commands
-SETTLING = 0.7  # [s] for the wheels to stop and the last messages to come
+START_TIMEOUT_S = 20.0
+TOPIC_TIMEOUT_S = 2.0
+COMMAND_PERIOD_S = 0.05
+SETTLING_S = 0.7  # until the wheels stop and the last messages arrive
 
 
 class DemoError(Exception):
-    """The path was not driven, or the odometry was wrong; the message says what happened."""
+    """The path was not driven, or the odometry was wrong; the message has the reason."""
 
 
-class Drive:
-    """One drive: the driver, the robot, and where the drive is shown."""
+class DemoRun:
+    """One run: driver, robot, and the console with its progress."""
 
     def __init__(self, driver: DriverNode, robot: RobotProcesses, console: 'Console') -> None:
         self._driver, self._robot, self._console = driver, robot, console
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(driver)
 
-    def wait_for_the_robot(self) -> None:
-        """Return when the robot can be driven; raises DemoError if that takes too long."""
-        deadline = time.monotonic() + LONGEST_START
+    def wait_for_robot(self) -> None:
+        """Return once the robot can be driven; raises DemoError on timeout."""
+        deadline = time.monotonic() + START_TIMEOUT_S
         while not self._driver.is_ready():
             if time.monotonic() > deadline:
-                raise DemoError(f'no robot and odometry within {LONGEST_START:g} s')
+                raise DemoError(f'no robot and odometry within {START_TIMEOUT_S:g} s')
             self._robot.check()
             self._executor.spin_once(timeout_sec=0.1)
 
@@ -90,27 +90,27 @@ class Drive:
                 end += seconds
                 while (left := end - time.monotonic()) > 0.0:
                     self._driver.command(linear, angular)
-                    self._listen(min(PERIOD, left))
+                    self._receive(min(COMMAND_PERIOD_S, left))
                     progress.update(
                         task, completed=time.monotonic() - start, state=self._state())
             self._driver.command(0.0, 0.0)
-            self._listen(SETTLING)
+            self._receive(SETTLING_S)
             progress.update(task, state=self._state())
 
     def stay(self) -> None:
-        """Leave robot and odometry to others; returns when interrupted."""
+        """Keep robot and odometry running; returns when interrupted."""
         with suppress(KeyboardInterrupt):
             while True:
-                self._listen(1.0)
-                self._driver.forget()
+                self._receive(1.0)
+                self._driver.clear()
 
-    def _listen(self, seconds: float) -> None:
+    def _receive(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
         self._robot.check()
-        if topic := self._driver.silent_topic(LONGEST_SILENCE):
-            raise DemoError(f'nothing on {topic} for {LONGEST_SILENCE:g} s')
+        if topic := self._driver.silent_topic(TOPIC_TIMEOUT_S):
+            raise DemoError(f'{topic}: no message for {TOPIC_TIMEOUT_S:g} s')
 
     def _state(self) -> str:
         x, y, theta = self._driver.pose
@@ -120,32 +120,32 @@ class Drive:
 
 
 def planned_end(path: str) -> Array:
-    """Return where a path ends for a robot that does just what it is told, (3,)."""
+    """Return the end pose of a path for an ideal robot, (3,)."""
     pose: Array = np.zeros(3)
     for linear, angular, seconds in PATHS[path]:
         pose = se2.compose(pose, se2.exp([linear * seconds, 0.0, angular * seconds]))
     return pose
 
 
-def judge(path: str, odometry: Array, truth: Array) -> dict[str, tuple[float, float, str]]:
-    """Return what was measured of a drive: by its name the value, the bound and the unit."""
+def errors_of(path: str, odometry: Array, truth: Array) -> dict[str, tuple[float, float, str]]:
+    """Return the errors of a run: value, bound and unit by name."""
     apart = np.hypot(*(odometry[:, :2] - truth[:, :2]).T)
     turned = np.abs(odometry[:, 2] - truth[:, 2])
     course = np.hypot(*(truth[-1, :2] - planned_end(path)[:2]))
     return {
-        'position error at the end': (float(apart[-1]), WORST_POSITION, 'm'),
-        'position error at worst': (float(apart.max()), WORST_POSITION, 'm'),
-        'heading error at worst': (float(turned.max()), WORST_HEADING, 'rad'),
-        'true end from the planned one': (float(course), WORST_COURSE, 'm'),
+        'position error at the end': (float(apart[-1]), MAX_POSITION_ERROR_M, 'm'),
+        'position error at worst': (float(apart.max()), MAX_POSITION_ERROR_M, 'm'),
+        'heading error at worst': (float(turned.max()), MAX_HEADING_ERROR_RAD, 'rad'),
+        'true end from the planned one': (float(course), MAX_COURSE_ERROR_M, 'm'),
     }
 
 
 def report(console: 'Console', driver: DriverNode, path: str, picture: Path) -> None:
-    """Show the figures of a drive and draw it; raises DemoError if one is out of bounds."""
+    """Print the errors of a run and plot it; raises DemoError if one is out of bounds."""
     from rich.table import Table
 
-    seconds, odometry, truth = driver.tracks()
-    figures = judge(path, odometry, truth)
+    seconds, odometry, truth = driver.trajectories()
+    figures = errors_of(path, odometry, truth)
     length = float(distances_along(truth)[-1])
     table = Table(title=f'{path}, {length:.2f} m driven')
     for heading in ('', 'measured', 'at most'):
@@ -173,30 +173,30 @@ def commands_to_type() -> list[str]:
 
 
 def run(path: str, picture: Path, keep_running: bool) -> None:
-    """Start the robot, drive it, judge the drive; raises DemoError."""
+    """Start the robot, drive it, check its odometry; raises DemoError."""
     from rich.console import Console
 
     console = Console()
-    # The demo commands wheels: it must not reach a robot on somebody's network.
+    # The demo commands wheels: it must not reach a real robot on the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     driver = DriverNode()
     try:
         if topics := used_topics(driver):
             raise DemoError(
-                f'somebody is on {", ".join(topics)} already: end it, or set ROS_DOMAIN_ID to '
+                f'{", ".join(topics)}: in use already; end that node, or set ROS_DOMAIN_ID to '
                 'another domain')
         with running_robot() as robot:
-            drive = Drive(driver, robot, console)
-            drive.wait_for_the_robot()
-            drive.drive(path)
+            run = DemoRun(driver, robot, console)
+            run.wait_for_robot()
+            run.drive(path)
             report(console, driver, path, picture)
             console.print('PASSED')
             if keep_running:
                 console.print('Simulator and odometry keep running until Ctrl-C. To drive the '
                               'robot, type in another terminal:')
                 console.print(*commands_to_type(), sep='\n', soft_wrap=True)
-                drive.stay()
+                run.stay()
     finally:
         rclpy.try_shutdown()
 
@@ -208,7 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         '--path', choices=sorted(PATHS), default='square', help='default: square')
     parser.add_argument(
         '--output', type=Path, default=Path('demo.png'),
-        help='picture of the tracks, default: demo.png')
+        help='picture of the trajectories, default: demo.png')
     parser.add_argument(
         '--keep-running', action='store_true', help='leave robot and odometry up afterwards')
     options = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""A PoseWithCovarianceStamped as a pose and a covariance of the core."""
+"""Convert a PoseWithCovarianceStamped to a pose and a covariance of the core."""
 import math
 from typing import Any
 
@@ -7,8 +7,7 @@ from diffdrive_ros.core.quaternion import heading_of_quaternion
 from diffdrive_ros.core.validation import Array
 import numpy as np
 
-# From here on [m] the motion of a wheel would be lost in the rounding.
-LARGEST = 1e9
+MAX_POSITION_M = 1e9  # above, rounding would lose the motion of a wheel
 
 
 def read_pose(message: Any) -> tuple[Array, Array | None]:
@@ -25,8 +24,9 @@ def read_pose(message: Any) -> tuple[Array, Array | None]:
     if math.hypot(q.x, q.y) > 0.01:
         raise ValueError(f'orientation = ({q.x}, {q.y}, {q.z}, {q.w}): must be about the z axis')
     x, y = pose.position.x, pose.position.y
-    if not (abs(x) < LARGEST and abs(y) < LARGEST):
-        raise ValueError(f'position = ({x}, {y}): must be finite and below {LARGEST:g} m')
+    if not (abs(x) < MAX_POSITION_M and abs(y) < MAX_POSITION_M):
+        raise ValueError(
+            f'position = ({x}, {y}): must be finite and below {MAX_POSITION_M:g} m')
     covariance = np.reshape(message.pose.covariance, (6, 6))
     planar = covariance[np.ix_(PLANAR, PLANAR)]
     heading = heading_of_quaternion(q.x, q.y, q.z, q.w)

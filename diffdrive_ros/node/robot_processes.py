@@ -1,4 +1,4 @@
-"""A simulated robot and its odometry as processes, for the shells that bring one along."""
+"""Run simulator and odometry as processes, for demo and dashboard."""
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import shutil
@@ -14,29 +14,29 @@ from rclpy.node import Node
 ROBOT = ('wheel_separation:=0.160', 'wheel_radius:=0.033')
 FLOOR = ('slip:=0.01', 'travel_noise:=0.001', 'seed:=1')
 
-# [s] DDS announces a participant every 3 s, and what it says first may be lost.
-DISCOVERY = 3.5
-NAMELESS = '_NODE_NAME_UNKNOWN_'  # rmw's, until what it is called has come too
-# Of util-linux: the kernel interrupts the process if whoever started it is killed.
+# DDS announces a participant every 3 s, and the first announcement may be lost.
+DISCOVERY_S = 3.5
+NAMELESS = '_NODE_NAME_UNKNOWN_'  # rmw's, until the name is discovered too
+# Of util-linux: the kernel interrupts the process when its parent is killed.
 END_WITH_PARENT = ['setpriv', '--pdeathsig', 'INT'] if shutil.which('setpriv') else []
 
 TOPICS = ('cmd_vel', 'wheel_commands', 'joint_states', 'odom', 'ground_truth')
 
 
 class RobotEndedError(Exception):
-    """One of the processes has ended; the message says which, and what it said."""
+    """One of the processes has ended; the message has its name and output."""
 
 
 class RobotProcesses:
     """
-    The processes simulator and odometry; what they print is kept for when they fail.
+    The processes simulator and odometry; their output is kept for a failure.
 
     odometry_settings are parameters of odometry, name:=value, besides the geometry.
     """
 
     def __init__(self, *odometry_settings: str) -> None:
         self._settings = odometry_settings
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed in stop
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115, closed in stop
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self) -> None:
@@ -48,12 +48,12 @@ class RobotProcesses:
         """Raise RobotEndedError if one of the processes has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                self._said.seek(0)
-                said = self._said.read().decode(errors='replace').strip()
-                raise RobotEndedError(f'{name} ended with {process.returncode}\n{said}'.strip())
+                self._output.seek(0)
+                output = self._output.read().decode(errors='replace').strip()
+                raise RobotEndedError(f'{name} ended with {process.returncode}\n{output}'.strip())
 
     def stop(self) -> None:
-        """End the processes that still run; nothing interrupts that."""
+        """End the processes that still run, without interruption by a signal."""
         for each in STOP_SIGNALS:
             signal.signal(each, signal.SIG_IGN)
         for process in self._processes.values():
@@ -64,19 +64,19 @@ class RobotProcesses:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        self._said.close()
+        self._output.close()
 
     def _start(self, module: str, *settings: str) -> 'subprocess.Popen[bytes]':
         ros_arguments = [word for setting in settings for word in ('-p', setting)]
         return subprocess.Popen(
             [*END_WITH_PARENT, sys.executable, '-m', f'diffdrive_ros.node.{module}', '--ros-args',
              *ros_arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said)
+            stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output)
 
 
 @contextmanager
 def running_robot(*odometry_settings: str) -> Iterator[RobotProcesses]:
-    """Start a robot; stop it in the end, whatever happened."""
+    """Start a robot, and stop it on exit in any case."""
     robot = RobotProcesses(*odometry_settings)
     try:
         robot.start()
@@ -87,11 +87,11 @@ def running_robot(*odometry_settings: str) -> Iterator[RobotProcesses]:
 
 def used_topics(node: Node) -> Sequence[str]:
     """
-    Return the topics of such a robot on which somebody else than a node is already, and who.
+    Return the topics of such a robot that other nodes than this use, with their names.
 
-    Takes until somebody is found there and has a name, or until all are found who can be.
+    It returns once one is found with a name, or after the time of discovery.
     """
-    deadline = time.monotonic() + DISCOVERY
+    deadline = time.monotonic() + DISCOVERY_S
     topics: Sequence[str] = ()
     while (not topics or NAMELESS in ' '.join(topics)) and time.monotonic() < deadline:
         time.sleep(0.05)

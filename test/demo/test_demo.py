@@ -60,11 +60,11 @@ def demo(domain: int, tmp_path: Path) -> Iterator[Demo]:
 
 def wait_until_driving(station: Station) -> None:
     """Return when the robot has left its place."""
-    heard = station.hear(Odometry, 'odom')
-    wait_until(lambda: heard and heard[-1][1].pose.pose.position.x > 0.1)
+    received = station.hear(Odometry, 'odom')
+    wait_until(lambda: received and received[-1][1].pose.pose.position.x > 0.1)
 
 
-def test_a_drive_that_went_well_ends_with_0_and_a_picture(demo: Demo, tmp_path: Path) -> None:
+def test_good_run_exits_with_0_and_a_picture(demo: Demo, tmp_path: Path) -> None:
     """The figures are shown with their bounds."""
     assert demo.wait() == 0, demo.output
     assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
@@ -73,9 +73,9 @@ def test_a_drive_that_went_well_ends_with_0_and_a_picture(demo: Demo, tmp_path: 
 
 
 @pytest.mark.parametrize('victim', ['simulator', 'odometry'])
-def test_a_process_that_dies_ends_the_demo_with_1(
+def test_death_of_a_process_exits_with_1(
         demo: Demo, domain: int, victim: str) -> None:
-    """Whichever it is, it is named."""
+    """The line names the process."""
     wait_until(lambda: len(demo.children()) == 2)
     station = Station(domain)
     try:
@@ -87,8 +87,8 @@ def test_a_process_that_dies_ends_the_demo_with_1(
     assert f'demo: FAILED: {victim} ended with -9' in demo.output
 
 
-def test_a_process_that_hangs_ends_the_demo_with_1(demo: Demo, domain: int) -> None:
-    """It lives, and says nothing."""
+def test_hung_process_exits_with_1(demo: Demo, domain: int) -> None:
+    """It runs, and publishes nothing."""
     wait_until(lambda: len(demo.children()) == 2)
     station = Station(domain)
     try:
@@ -97,11 +97,11 @@ def test_a_process_that_hangs_ends_the_demo_with_1(demo: Demo, domain: int) -> N
         assert demo.wait() == 1
     finally:
         station.close()
-    assert 'demo: FAILED: nothing on odom for 2 s' in demo.output
+    assert 'demo: FAILED: odom: no message for 2 s' in demo.output
 
 
-def test_wheels_swapped_on_the_way_end_the_demo_with_1(demo: Demo, domain: int) -> None:
-    """The odometry believes its encoders; the truth does not."""
+def test_wheels_swapped_while_driving_exit_with_1(demo: Demo, domain: int) -> None:
+    """The odometry follows its encoders; the true pose does not."""
     wait_until(lambda: len(demo.children()) == 2)
     station = Station(domain)
     try:
@@ -128,20 +128,20 @@ def test_commands_to_type_are_those_that_this_machine_has(
     assert (str(Path(sys.executable).with_name('dashboard')) in text) != has_ros2
 
 
-def test_a_demo_that_is_interrupted_ends_with_1(demo: Demo) -> None:
-    """Half a drive is none; the robot's processes end with it."""
+def test_interrupted_demo_exits_with_1(demo: Demo) -> None:
+    """Half a run is none; the robot's processes end with it."""
     wait_until(lambda: len(demo.children()) == 2)
     demo.signal(signal.SIGINT)
     assert demo.wait() == 1
     assert demo.output.strip().endswith('demo: interrupted')
 
 
-def test_the_demo_drives_nobody_elses_robot(station: Station, domain: int, tmp_path: Path) -> None:
-    """Somebody listens to cmd_vel already: it may be a real one."""
+def test_demo_does_not_drive_another_robot(station: Station, domain: int, tmp_path: Path) -> None:
+    """A subscriber of cmd_vel exists already: it may be a real one."""
     station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
     demo = Demo(tmp_path / 'demo.png')
     try:
         assert demo.wait() == 1
     finally:
         demo.close()
-    assert 'somebody is on cmd_vel (station)' in demo.output
+    assert 'cmd_vel (station): in use already' in demo.output

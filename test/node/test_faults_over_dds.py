@@ -44,7 +44,7 @@ class Robot:
         self.expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
 
     def begin(self) -> None:
-        """Stand still until the node is heard: discovery loses the first messages."""
+        """Stand still until the node is received: discovery loses the first messages."""
         self.drive.begin()
         wait_until(lambda: self.odometry or self.drive.stand(), pause=0.05)
         wait_until(lambda: stamp_ns(self.odometry[-1][1]) == self.drive.now)
@@ -65,10 +65,10 @@ class Robot:
         """Compare every answer since the last time with what was due."""
         due, self.drive.expected = self.drive.expected, []
         wait_until(lambda: len(self.odometry) >= len(due), timeout=5.0)
-        heard = [message for _, message in self.odometry]
+        received = [message for _, message in self.odometry]
         self.odometry.clear()
-        assert [stamp_ns(message) for message in heard] == [stamp for stamp, *_ in due]
-        poses = [message.pose.pose for message in heard]
+        assert [stamp_ns(message) for message in received] == [stamp for stamp, *_ in due]
+        poses = [message.pose.pose for message in received]
         off = np.array([
             (pose.position.x, pose.position.y,
              2.0 * math.atan2(pose.orientation.z, pose.orientation.w)) for pose in poses])
@@ -111,7 +111,7 @@ def robot(domain_of_module: int) -> Iterator[Robot]:
 
 
 @pytest.mark.parametrize('fault', DamagedDrive.FAULTS)
-def test_every_pose_is_that_of_the_undamaged_drive_but_for_the_documented_loss(
+def test_poses_match_the_undamaged_run_but_for_known_loss(
         robot: Robot, fault: str) -> None:
     """On the way through the fault, three times, and after it."""
     for _ in range(3):
@@ -146,7 +146,7 @@ class Mixture(RuleBasedStateMachine):
             self.robot.judge()
 
 
-def test_every_pose_is_right_through_any_mixture_of_faults(robot: Robot) -> None:
+def test_poses_are_right_through_any_mixture_of_faults(robot: Robot) -> None:
     """Drawn by Hypothesis; each begins with ~/reset_odometry."""
     class OfThisRobot(Mixture):
         pass
@@ -158,7 +158,7 @@ def test_every_pose_is_right_through_any_mixture_of_faults(robot: Robot) -> None
         phases=[Phase.generate], suppress_health_check=list(HealthCheck)))
 
 
-def test_whatever_happened_was_counted(robot: Robot) -> None:
+def test_faults_are_counted(robot: Robot) -> None:
     """By the words in which diagnostics say it."""
     for fault in DamagedDrive.FAULTS:
         getattr(robot.drive, fault)()
@@ -166,9 +166,9 @@ def test_whatever_happened_was_counted(robot: Robot) -> None:
     assert robot.counted() == dict(robot.drive.counts)
 
 
-def test_time_that_starts_again_twice_before_all_wheels_were_heard_is_answered(
+def test_two_time_resets_before_all_wheels_publish_odom(
         robot: Robot) -> None:
-    """The second time counts: odom does not wait until the first is reached."""
+    """The second reset counts: odom does not wait until the first time is reached."""
     left, right = NAMES
     now = robot.drive.now
     raw = robot.drive.raw()
@@ -189,7 +189,7 @@ def alone(station: Station, start: Callable[..., Process]) -> tuple[Robot, Proce
     return Robot(station), process
 
 
-def test_a_driver_without_positions_and_encoders_that_fall_silent_are_said_once(
+def test_missing_positions_and_silent_encoders_warn_once(
         alone: tuple[Robot, Process]) -> None:
     """The first positions are the baseline; silence stops the wheels; the motion is not lost."""
     robot, process = alone

@@ -42,14 +42,14 @@ def rclpy_api(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 
 def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]:
     """Publish wheel angles, one message after the other; return what odom answers."""
-    heard = station.hear(Odometry, 'odom')
+    received = station.hear(Odometry, 'odom')
     left, right = samples[0]
-    station.say_until(lambda: heard, 'joint_states', (
+    station.say_until(lambda: received, 'joint_states', (
         joints(START_NS - 10**9 + k, left_wheel_joint=left, right_wheel_joint=right)
         for k in itertools.count()))
 
-    def answers() -> list[Odometry]:  # and not those to what was said until somebody heard it
-        return [message for _, message in heard if stamp_ns(message) >= START_NS]
+    def answers() -> list[Odometry]:  # and not those to what was logged until somebody received it
+        return [message for _, message in received if stamp_ns(message) >= START_NS]
 
     for k, (left, right) in enumerate(samples):
         station.say('joint_states', joints(
@@ -65,18 +65,18 @@ def planar_pose(message: Odometry) -> list[float]:
     return [pose.position.x, pose.position.y, heading]
 
 
-def test_odometry_has_the_stamp_of_the_message_that_it_answers(
+def test_odom_has_the_timestamp_of_joint_states(
         station: Station, make: Make) -> None:
-    """The stamp is the message's own, to the nanosecond."""
+    """It is equal to the nanosecond."""
     make()
     answers = feed(station, [(0.1 * k, 0.13 * k) for k in range(5)])
     assert [stamp_ns(answer) for answer in answers] == [START_NS + k * STEP_NS for k in range(5)]
     assert {(a.header.frame_id, a.child_frame_id) for a in answers} == {('odom', 'base_link')}
 
 
-def test_the_pose_is_that_of_the_batch_integration_over_the_same_angles(
+def test_pose_equals_batch_integration_of_the_same_angles(
         station: Station, make: Make) -> None:
-    """A curved drive with encoders that do not start at zero."""
+    """A curve, with encoders that do not start at zero."""
     make()
     left = -17.3 + np.cumsum([0.0, 0.4, 0.5, -0.2, 1.1])
     right = 923.1 + np.cumsum([0.0, 0.7, 0.1, 0.9, 1.3])
@@ -85,8 +85,8 @@ def test_the_pose_is_that_of_the_batch_integration_over_the_same_angles(
     np.testing.assert_allclose([planar_pose(a) for a in answers], poses, atol=1e-12)
 
 
-def test_the_twist_is_in_the_frame_of_the_body(station: Station, make: Make) -> None:
-    """At a yaw of 90 degrees, a robot that drives on still has all of its speed in x."""
+def test_twist_is_in_the_body_frame(station: Station, make: Make) -> None:
+    """At a yaw of 90 degrees the speed of a robot driving forward is in x."""
     make(velocity_rolling_window_size=1)
     quarter_right = 0.25 * math.pi * SEPARATION / RIGHT_RADIUS
     quarter_left = -0.25 * math.pi * SEPARATION / LEFT_RADIUS
@@ -99,8 +99,8 @@ def test_the_twist_is_in_the_frame_of_the_body(station: Station, make: Make) -> 
         (speed, 0.0, 0.0), abs=1e-9)
 
 
-def test_the_quaternion_is_normalised_after_many_turns(station: Station, make: Make) -> None:
-    """Heading is published as a rotation, whatever the number of turns was."""
+def test_quaternion_is_normalised_after_many_turns(station: Station, make: Make) -> None:
+    """The heading is published as a rotation, whatever the number of turns."""
     make()
     answers = feed(station, [(-31.0 * k, 37.0 * k) for k in range(4)])
     for answer in answers:
@@ -109,9 +109,9 @@ def test_the_quaternion_is_normalised_after_many_turns(station: Station, make: M
         assert q.w >= 0.0
 
 
-def test_the_covariance_is_never_zero_never_above_a_million_and_grows(
+def test_covariance_is_positive_bounded_and_grows(
         station: Station, make: Make) -> None:
-    """What filters that fuse the message need."""
+    """Filters that fuse the message need this."""
     make()
     answers = feed(station, [(0.0, 0.0), (0.0, 0.0), (3.0, 5.0), (3.0, 5.0)])
     for answer in answers:
@@ -126,9 +126,9 @@ def test_the_covariance_is_never_zero_never_above_a_million_and_grows(
 
 def test_velocities_are_integrated_without_position_feedback(
         station: Station, make: Make) -> None:
-    """A driver that publishes velocities alone is enough with position_feedback false."""
+    """A driver of velocities alone suffices with position_feedback false."""
     make(position_feedback=False)
-    heard = station.hear(Odometry, 'odom')
+    received = station.hear(Odometry, 'odom')
 
     def messages() -> Iterator[JointState]:
         for k in itertools.count():
@@ -137,34 +137,34 @@ def test_velocities_are_integrated_without_position_feedback(
             message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
             yield message
 
-    station.say_until(lambda: len(heard) > 5, 'joint_states', messages())
-    first, last = heard[0][1], heard[-1][1]
+    station.say_until(lambda: len(received) > 5, 'joint_states', messages())
+    first, last = received[0][1], received[-1][1]
     seconds = (stamp_ns(last) - stamp_ns(first)) * 1e-9
     expected = integrate(
         DRIVE, [0.0, 3.0 * seconds], [0.0, 7.0 * seconds], planar_pose(first))[-1]
     assert planar_pose(last) == pytest.approx(expected, abs=1e-12)
 
 
-def test_several_wheels_a_side_are_averaged(station: Station, make: Make) -> None:
-    """Four wheels, in two messages: one answer, when the last wheel is known."""
+def test_wheels_of_a_side_are_averaged(station: Station, make: Make) -> None:
+    """Four wheels in two messages: one odom, when the last wheel is renewed."""
     make(left_wheel_names=['fl', 'rl'], right_wheel_names=['fr', 'rr'])
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: heard, 'joint_states', (
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: received, 'joint_states', (
         joints(k, fl=0.0, fr=0.0, rl=0.0, rr=0.0) for k in itertools.count(1)))
-    heard.clear()
+    received.clear()
     for k in range(3):
         station.say('joint_states', joints(10**9 * k + 10**6, rr=1.0 * k, arm=5.0, fl=2.0 * k))
         station.say('joint_states', joints(10**9 * k + 2 * 10**6, fr=3.0 * k, rl=4.0 * k))
-        wait_until(lambda k=k: len(heard) > k)
-    assert [stamp_ns(answer) - 2 * 10**6 for _, answer in heard] == [0, 10**9, 2 * 10**9]
+        wait_until(lambda k=k: len(received) > k)
+    assert [stamp_ns(answer) - 2 * 10**6 for _, answer in received] == [0, 10**9, 2 * 10**9]
     expected = integrate(DRIVE, [0.0, 6.0], [0.0, 4.0])[-1]
-    got = planar_pose(heard[-1][1])
+    got = planar_pose(received[-1][1])
     assert got[:2] == pytest.approx(expected[:2], abs=1e-12)
     assert math.remainder(got[2] - expected[2], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_open_loop_integrates_the_commands_as_applied(station: Station, make: Make) -> None:
-    """The wheel that is too slow for the command is taken for what it is."""
+def test_open_loop_integrates_commands_as_applied(station: Station, make: Make) -> None:
+    """Saturation of a wheel is part of the odometry."""
     make(open_loop=True, max_wheel_speed=2.5, command_rate=100.0)
     odometry, commands = station.hear(Odometry, 'odom'), station.hear(JointState, 'wheel_commands')
     wait_until(lambda: odometry)
@@ -183,34 +183,34 @@ def test_open_loop_integrates_the_commands_as_applied(station: Station, make: Ma
 
 
 @pytest.mark.parametrize(('linear', 'angular'), [(0.21, 0.53), (-0.3, 0.4), (0.0, -1.1)])
-def test_a_command_turns_each_wheel_at_its_right_speed(
+def test_command_turns_each_wheel_at_its_speed(
         station: Station, make: Make, linear: float, angular: float) -> None:
-    """The default form is a JointState with the velocity of every wheel by its name."""
+    """The default type is a JointState with the velocity of every wheel by its name."""
     make(left_wheel_names=['fl', 'rl'], right_wheel_names=['fr', 'rr'])
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.say('cmd_vel', twist(linear, angular))
-    wait_until(lambda: heard)
+    wait_until(lambda: received)
     left = (linear - 0.5 * SEPARATION * angular) / LEFT_RADIUS
     right = (linear + 0.5 * SEPARATION * angular) / RIGHT_RADIUS
-    message = heard[0][1]
+    message = received[0][1]
     assert message.name == ['fl', 'rl', 'fr', 'rr']
     assert list(message.velocity) == pytest.approx([left, left, right, right], rel=1e-12)
     assert message.header.stamp.sec > 0
 
 
-def test_a_multi_array_has_the_left_wheels_first(station: Station, make: Make) -> None:
-    """The form of motor drivers that take an array."""
+def test_multi_array_has_the_left_wheels_first(station: Station, make: Make) -> None:
+    """The type of motor drivers that subscribe to an array."""
     make(wheel_command_type='multi_array')
-    heard = station.hear(Float64MultiArray, 'wheel_commands')
+    received = station.hear(Float64MultiArray, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.say('cmd_vel', twist(0.1, 0.9))
-    wait_until(lambda: heard)
-    assert list(heard[0][1].data) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
+    wait_until(lambda: received)
+    assert list(received[0][1].data) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
 
 
-def test_every_wheel_has_a_topic_of_its_own_in_per_wheel(station: Station, make: Make) -> None:
-    """The form of one motor driver a wheel."""
+def test_per_wheel_has_one_topic_per_joint(station: Station, make: Make) -> None:
+    """The type of one motor driver per wheel."""
     make(wheel_command_type='per_wheel')
     left = station.hear(Float64, 'left_wheel_joint/command')
     right = station.hear(Float64, 'right_wheel_joint/command')
@@ -222,24 +222,24 @@ def test_every_wheel_has_a_topic_of_its_own_in_per_wheel(station: Station, make:
     assert got == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
 
 
-def test_stamped_commands_are_taken_when_asked_for(station: Station, make: Make) -> None:
+def test_twist_stamped_is_driven_where_enabled(station: Station, make: Make) -> None:
     """Nav2 and others publish TwistStamped."""
     make(enable_stamped_cmd_vel=True)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.say('cmd_vel', TwistStamped(twist=twist(0.1, 0.9)))
-    wait_until(lambda: heard)
-    assert list(heard[0][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
+    wait_until(lambda: received)
+    assert list(received[0][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
 
 
-def test_no_wheel_command_goes_out_before_the_first_command(
+def test_no_wheel_command_is_sent_before_the_first_command(
         station: Station, make: Make) -> None:
-    """Whoever wants odometry alone has a robot that nobody holds."""
+    """With odometry alone, no wheel is held."""
     make(command_rate=200.0)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     feed(station, [(0.01 * k, 0.02 * k) for k in range(30)])
-    assert heard == []
+    assert received == []
 
 
 def set_parameters(station: Station, **values: object) -> list[str]:
@@ -250,17 +250,17 @@ def set_parameters(station: Station, **values: object) -> list[str]:
     return ['' if result.successful else result.reason for result in answer.results]
 
 
-def test_a_live_parameter_takes_effect_at_once(station: Station, make: Make) -> None:
-    """The correction of a radius, found by calibration, goes into commands and odometry."""
+def test_live_parameter_takes_effect_at_once(station: Station, make: Make) -> None:
+    """A calibrated radius changes commands and odometry."""
     make()
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     reasons = set_parameters(station, left_wheel_radius_multiplier=1.25, cmd_vel_timeout=3)
     assert reasons == ['', '']
     station.say('cmd_vel', twist(0.2, 0.3))
-    wait_until(lambda: heard)
+    wait_until(lambda: received)
     longer = DiffDrive(SEPARATION, 1.25 * LEFT_RADIUS, RIGHT_RADIUS)
-    assert list(heard[0][1].velocity) == pytest.approx(longer.wheel_speeds(0.2, 0.3))
+    assert list(received[0][1].velocity) == pytest.approx(longer.wheel_speeds(0.2, 0.3))
     answers = feed(station, [(0.0, 0.0), (1.0, 2.0)])
     expected = integrate(longer, [0.0, 1.0], [0.0, 2.0])[-1]
     assert planar_pose(answers[-1]) == pytest.approx(expected, abs=1e-12)
@@ -273,9 +273,9 @@ def test_a_live_parameter_takes_effect_at_once(station: Station, make: Make) -> 
     ('max_wheel_speed', math.inf, 'max_wheel_speed = inf: must be positive'),
     ('wheel_radius', 0.05, 'read-only'),
 ])
-def test_a_wrong_value_is_refused_with_its_rule_and_changes_nothing(
+def test_wrong_value_is_rejected_with_its_rule(
         station: Station, make: Make, name: str, value: float, rule: str) -> None:
-    """What `ros2 param set` shows."""
+    """`ros2 param set` shows the reason, and nothing changes."""
     node = make()
     before = node.get_parameter(name).value
     [reason] = set_parameters(station, **{name: value})
@@ -283,9 +283,9 @@ def test_a_wrong_value_is_refused_with_its_rule_and_changes_nothing(
     assert node.get_parameter(name).value == before or math.isnan(before)
 
 
-def test_a_set_of_changes_is_taken_as_a_whole_or_not_at_all(
+def test_atomic_change_is_applied_whole_or_not_at_all(
         station: Station, make: Make) -> None:
-    """Two multipliers from one calibration belong together."""
+    """Two multipliers of one calibration belong together."""
     node = make()
     request = SetParametersAtomically.Request(parameters=[
         Parameter('left_wheel_radius_multiplier', value=1.1).to_parameter_msg(),
@@ -297,8 +297,8 @@ def test_a_set_of_changes_is_taken_as_a_whole_or_not_at_all(
     assert node.get_parameter('left_wheel_radius_multiplier').value == 1.0
 
 
-def test_every_parameter_is_described(station: Station, make: Make) -> None:
-    """What `ros2 param describe` shows."""
+def test_every_parameter_has_a_description(station: Station, make: Make) -> None:
+    """`ros2 param describe` shows it."""
     node = make()
     names = [name for name in node.get_parameters_by_prefix('') if not name.startswith((
         'qos_overrides', 'use_sim_time', 'start_type_description'))]

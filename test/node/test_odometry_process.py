@@ -37,13 +37,13 @@ LATE = 0.1  # what a loaded machine may add to any of the times below
 
 
 def drive(station: Station) -> list[tuple[float, JointState]]:
-    """Command a curve until the wheels turn; return what was and will be heard of them."""
-    heard = station.hear(JointState, 'wheel_commands')
+    """Command a curve until the wheels turn; return what was and will be received of them."""
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    while not heard:
+    while not received:
         station.say('cmd_vel', twist(0.2, 0.7))
         time.sleep(0.01)
-    return heard
+    return received
 
 
 def is_zero(message: JointState) -> bool:
@@ -51,69 +51,69 @@ def is_zero(message: JointState) -> bool:
     return list(message.velocity) == [0.0, 0.0]
 
 
-def test_a_valid_command_turns_each_wheel_at_its_right_speed_within_two_periods(
+def test_command_is_sent_to_the_wheels_within_two_periods(
         station: Station, start: Start) -> None:
-    """From the first command on, and from each change."""
+    """The first command, and each change."""
     start('odometry_node')
-    heard = drive(station)
-    wait_until(lambda: len(heard) > 10)
+    received = drive(station)
+    wait_until(lambda: len(received) > 10)
     for speed in (0.1, -0.3, 0.25):
         station.say('cmd_vel', twist(speed, 0.7))
         sent_at = time.monotonic()
         expected = pytest.approx(EXAMPLE.wheel_speeds(speed, 0.7))
-        wait_until(lambda expected=expected: list(heard[-1][1].velocity) == expected)
-        first = next(at for at, message in heard if list(message.velocity) == expected)
+        wait_until(lambda expected=expected: list(received[-1][1].velocity) == expected)
+        first = next(at for at, message in received if list(message.velocity) == expected)
         assert first - sent_at < 2.0 * PERIOD + LATE
 
 
 @pytest.mark.parametrize(('linear', 'angular'), [
     (math.nan, 0.1), (0.1, math.nan), (math.inf, 0.0), (-math.inf, 0.0), (1e308, -1e308)])
-def test_a_command_that_is_not_finite_stops_the_wheels(
+def test_nan_command_stops_the_wheels(
         station: Station, start: Start, linear: float, angular: float) -> None:
-    """The next valid one is driven again; the reason is said once, not with every command."""
+    """The next valid one is driven; the reason is logged once, not per command."""
     process = start('odometry_node')
-    heard = drive(station)
+    received = drive(station)
     for _ in range(5):
         station.say('cmd_vel', twist(linear, angular))
     sent_at = time.monotonic()
-    wait_until(lambda: is_zero(heard[-1][1]))
-    assert heard[-1][0] - sent_at < 2.0 * PERIOD + LATE
+    wait_until(lambda: is_zero(received[-1][1]))
+    assert received[-1][0] - sent_at < 2.0 * PERIOD + LATE
     station.say('cmd_vel', twist(0.2, 0.7))
-    wait_until(lambda: not is_zero(heard[-1][1]))
+    wait_until(lambda: not is_zero(received[-1][1]))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert process.output.count('must be finite') == 1
 
 
-def test_silence_stops_the_wheels_after_the_timeout(station: Station, start: Start) -> None:
-    """The command's source died: zero within the timeout and one period, said once."""
+def test_cmd_vel_timeout_stops_the_wheels(station: Station, start: Start) -> None:
+    """The command source died: zero within the timeout and one period, logged once."""
     process = start('odometry_node', cmd_vel_timeout=0.31)
-    heard = drive(station)
-    sent_at = heard[0][0]
-    wait_until(lambda: is_zero(heard[-1][1]))
-    assert 0.31 - 2.0 * PERIOD < heard[-1][0] - sent_at < 0.31 + PERIOD + LATE
-    count = len(heard)
-    wait_until(lambda: len(heard) > count + 20)
-    assert all(is_zero(message) for _, message in heard[count:])
+    received = drive(station)
+    sent_at = received[0][0]
+    wait_until(lambda: is_zero(received[-1][1]))
+    assert 0.31 - 2.0 * PERIOD < received[-1][0] - sent_at < 0.31 + PERIOD + LATE
+    count = len(received)
+    wait_until(lambda: len(received) > count + 20)
+    assert all(is_zero(message) for _, message in received[count:])
     process.signal(signal.SIGTERM)
     assert process.wait() == 0
     assert process.output.count('no command for 0.31 s') == 1
 
 
-def test_a_pause_of_the_process_is_time_to_slow_down(station: Station, start: Start) -> None:
-    """It does not start off again with the speed of long ago."""
+def test_pause_of_the_process_counts_as_deceleration(station: Station, start: Start) -> None:
+    """It does not continue with the speed from before."""
     process = start('odometry_node', cmd_vel_timeout=0.3, **{
         'linear.x.max_acceleration': 5.0, 'linear.x.max_deceleration': -0.5})
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     station.say_until(
-        lambda: heard and heard[-1][1].velocity[0] > 20.0, 'cmd_vel',
+        lambda: received and received[-1][1].velocity[0] > 20.0, 'cmd_vel',
         itertools.repeat(twist(1.0, 0.0)))
     process.signal(signal.SIGSTOP)
     time.sleep(2.5)
-    before = len(heard)
+    before = len(received)
     process.signal(signal.SIGCONT)
-    wait_until(lambda: len(heard) > before + 5)
-    assert all(is_zero(message) for _, message in heard[before + 1:])
+    wait_until(lambda: len(received) > before + 5)
+    assert all(is_zero(message) for _, message in received[before + 1:])
 
 
 def full_pipe() -> tuple[int, int]:
@@ -127,14 +127,14 @@ def full_pipe() -> tuple[int, int]:
     return reader, writer
 
 
-def test_a_console_that_nobody_reads_stops_no_node(station: Station) -> None:
-    """Ctrl-S in a terminal, or a pipe that is full: it drives, stops and ends all the same."""
+def test_blocked_console_stops_no_node(station: Station) -> None:
+    """Ctrl-S in a terminal or a full pipe: it drives, stops and ends all the same."""
     reader, writer = full_pipe()
     process = subprocess.Popen(
         [sys.executable, '-m', 'diffdrive_ros.node.odometry_node'], stderr=writer)
     try:
-        heard = drive(station)
-        wait_until(lambda: is_zero(heard[-1][1]), timeout=0.5 + PERIOD + 10 * LATE)
+        received = drive(station)
+        wait_until(lambda: is_zero(received[-1][1]), timeout=0.5 + PERIOD + 10 * LATE)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=3.0) == 0
     finally:
@@ -144,8 +144,8 @@ def test_a_console_that_nobody_reads_stops_no_node(station: Station) -> None:
         os.close(writer)
 
 
-def test_a_crash_of_the_interpreter_leaves_its_trace(station: Station, start: Start) -> None:
-    """The wheels turn on, and nobody else can say why."""
+def test_crash_of_the_interpreter_prints_a_trace(station: Station, start: Start) -> None:
+    """The wheels keep turning, and the trace is all that explains it."""
     process = start('odometry_node')
     drive(station)
     process.signal(signal.SIGSEGV)
@@ -153,8 +153,8 @@ def test_a_crash_of_the_interpreter_leaves_its_trace(station: Station, start: St
     assert 'Fatal Python error: Segmentation fault' in process.output
 
 
-def test_a_crash_ends_the_process_though_nobody_reads_its_console(station: Station) -> None:
-    """Or nobody would start it again."""
+def test_crash_ends_the_process_on_a_blocked_console(station: Station) -> None:
+    """Otherwise nothing would restart it."""
     reader, writer = full_pipe()
     process = subprocess.Popen(
         [sys.executable, '-m', 'diffdrive_ros.node.odometry_node'], stderr=writer)
@@ -169,13 +169,13 @@ def test_a_crash_ends_the_process_though_nobody_reads_its_console(station: Stati
         os.close(writer)
 
 
-def test_a_timeout_of_zero_never_stops_the_wheels_and_says_so(
+def test_timeout_of_zero_never_stops_and_warns(
         station: Station, start: Start) -> None:
-    """A choice that has to be made in so many words."""
+    """It has to be chosen explicitly."""
     process = start('odometry_node', cmd_vel_timeout=0)
-    heard = drive(station)
-    wait_until(lambda: len(heard) > 60)
-    assert not any(is_zero(message) for _, message in heard)
+    received = drive(station)
+    wait_until(lambda: len(received) > 60)
+    assert not any(is_zero(message) for _, message in received)
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert 'cmd_vel_timeout = 0.0' in process.output
@@ -184,45 +184,45 @@ def test_a_timeout_of_zero_never_stops_the_wheels_and_says_so(
 @pytest.mark.parametrize('form', ['joint_state', 'per_wheel'])
 @pytest.mark.parametrize(
     'number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_a_signal_stops_the_wheels_at_once_and_the_last_zero_arrives(
+def test_signal_stops_the_wheels_and_the_zero_arrives(
         station: Station, start: Start, number: signal.Signals, form: str) -> None:
     """Exit code 0, no traceback, and nothing after the zero."""
     from std_msgs.msg import Float64
     process = start('odometry_node', wheel_command_type=form, **GEOMETRY)
     if form == 'joint_state':
-        heard = drive(station)
+        received = drive(station)
     else:
-        heard = station.hear(Float64, 'right_wheel_joint/command')
+        received = station.hear(Float64, 'right_wheel_joint/command')
         station.hear(Float64, 'left_wheel_joint/command')
         wait_until(lambda: station.node.count_publishers('right_wheel_joint/command'))
         station.say('cmd_vel', twist(0.2, 0.7))
-        wait_until(lambda: heard)
+        wait_until(lambda: received)
     sent_at = time.monotonic()
     process.signal(number)
     assert process.wait() == 0
-    wait_until(lambda: heard[-1][0] > sent_at)
-    at, last = heard[-1]
+    wait_until(lambda: received[-1][0] > sent_at)
+    at, last = received[-1]
     assert is_zero(last) if form == 'joint_state' else last.data == 0.0
     assert at - sent_at < PERIOD + LATE
     assert 'Traceback' not in process.output
 
 
-def test_a_signal_while_idle_ends_the_node_without_a_wheel_command(
+def test_signal_while_idle_sends_no_wheel_command(
         station: Station, start: Start) -> None:
-    """Who was never commanded holds no wheels, and lets go of none."""
+    """Wheels that were never commanded are left alone."""
     process = start('odometry_node')
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     sent_at = time.monotonic()
     process.signal(signal.SIGTERM)
     assert process.wait() == 0
     assert time.monotonic() - sent_at < 3.0
-    assert heard == []
+    assert received == []
 
 
-def test_a_bare_start_is_the_example_robot_with_one_warning(
+def test_bare_start_runs_the_example_robot_and_warns(
         station: Station, start: Start) -> None:
-    """It can be driven at once, and says whose robot it is."""
+    """It can be driven at once."""
     process = start('odometry_node')
     odometry = station.hear(Odometry, 'odom')
     station.say_until(lambda: odometry, 'joint_states', (
@@ -234,8 +234,8 @@ def test_a_bare_start_is_the_example_robot_with_one_warning(
     assert 'example robot, wheel_separation 0.16 m, wheel radii 0.033 and 0.033 m' in warning
 
 
-def test_a_known_geometry_starts_without_a_warning(station: Station, start: Start) -> None:
-    """What is used is said, since a wrong number is seen best where it is used."""
+def test_given_geometry_starts_without_a_warning(station: Station, start: Start) -> None:
+    """The geometry is logged: a wrong number is seen best where it is used."""
     process = start('odometry_node', **GEOMETRY)
     wait_until(lambda: station.node.count_publishers('odom'))
     process.signal(signal.SIGINT)
@@ -278,10 +278,10 @@ REFUSALS = [
 ]
 
 
-def test_wrong_parameters_refuse_to_start_with_one_clear_line(
+def test_wrong_parameters_exit_with_one_line(
         station: Station, start: Start, tmp_path: Path) -> None:
-    """Parameter, value, rule and node in the line; exit code 1; no wheel was commanded."""
-    heard = station.hear(JointState, '/robot/wheel_commands')
+    """Parameter, value, rule and node in the line; exit code 1; no wheel is commanded."""
+    received = station.hear(JointState, '/robot/wheel_commands')
     refused = []
     for number, (text, line) in enumerate(REFUSALS):
         file = tmp_path / f'{number}.yaml'
@@ -292,26 +292,26 @@ def test_wrong_parameters_refuse_to_start_with_one_clear_line(
             wait_until(lambda: not refused[-4][1].is_running)
     for line, process in refused:
         assert process.wait() == 1, line
-        [said] = process.output.strip().splitlines()
-        assert said.startswith('odometry: /robot/odometry cannot start: ')
-        assert line in said
-    assert heard == []
+        [logged] = process.output.strip().splitlines()
+        assert logged.startswith('odometry: /robot/odometry cannot start: ')
+        assert line in logged
+    assert received == []
 
 
-def test_a_parameter_file_for_another_node_is_refused(start: Start, tmp_path: Path) -> None:
+def test_parameter_file_for_another_node_is_rejected(start: Start, tmp_path: Path) -> None:
     """The commonest mistake: a key that does not match the node, and defaults on the robot."""
     file = tmp_path / 'robot.yaml'
     file.write_text(f'diff_drive:\n  ros__parameters:\n    {GOOD}\n')
     process = start('odometry_node', '--params-file', str(file))
     assert process.wait() == 1
-    [said] = process.output.strip().splitlines()
-    assert 'wheel_separation = (not set): must be positive' in said
-    assert 'nothing of it under a key that is /odometry' in said
+    [logged] = process.output.strip().splitlines()
+    assert 'wheel_separation = (not set): must be positive' in logged
+    assert 'nothing of it under a key that is /odometry' in logged
 
 
 @pytest.mark.parametrize('text', ['odometry:\n  ros__parameters:\n    wheel_rad', '', '{'])
-def test_half_a_parameter_file_is_refused(start: Start, tmp_path: Path, text: str) -> None:
-    """A file that was cut off names itself."""
+def test_truncated_parameter_file_is_rejected(start: Start, tmp_path: Path, text: str) -> None:
+    """The line names the file or the missing parameter."""
     file = tmp_path / 'half.yaml'
     file.write_text(text)
     process = start('odometry_node', '--params-file', str(file))
@@ -320,8 +320,8 @@ def test_half_a_parameter_file_is_refused(start: Start, tmp_path: Path, text: st
     assert 'wheel_separation = (not set)' in process.output or 'half.yaml' in process.output
 
 
-def test_a_parameter_file_without_ros_args_is_refused(tmp_path: Path) -> None:
-    """Passed over in silence, it would leave the example robot's numbers on a real one."""
+def test_parameter_file_without_ros_args_is_rejected(tmp_path: Path) -> None:
+    """Ignored, it would leave the example robot's geometry on a real one."""
     ended = subprocess.run(
         [sys.executable, '-m', 'diffdrive_ros.node.odometry_node', '--params-file', 'robot.yaml'],
         capture_output=True, text=True, timeout=20)
@@ -346,13 +346,13 @@ def test_node_drives_and_stops_with_any_rclpy(station: Station, program: list[st
     """With EventsExecutor and rclpy's internals, and by the public API alone."""
     process = subprocess.Popen([sys.executable, *program])
     try:
-        heard, odom = drive(station), station.hear(Odometry, 'odom')
+        received, odom = drive(station), station.hear(Odometry, 'odom')
         station.say_until(lambda: odom, 'joint_states', (
             joints(k, left_wheel_joint=0.1 * k, right_wheel_joint=0.2)
             for k in itertools.count(1)))
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=10.0) == 0
-        wait_until(lambda: is_zero(heard[-1][1]))
+        wait_until(lambda: is_zero(received[-1][1]))
     finally:
         process.kill()
         process.wait()
@@ -376,37 +376,38 @@ def test_missing_joint_states_are_a_warning(station: Station, start: Start) -> N
     assert re.search(r'/robot/wheel_commands: .*from /robot/cmd_vel \(Twist\)', process.output)
 
 
-def test_wheel_commands_go_out_at_the_command_rate(station: Station, start: Start) -> None:
-    """Zeros too: drivers with a watchdog of their own rely on it."""
+def test_wheel_commands_are_sent_at_command_rate(station: Station, start: Start) -> None:
+    """Zeros too: watchdogs of drivers rely on it."""
     start('odometry_node', command_rate=20, cmd_vel_timeout=0.3)
-    heard = drive(station)
-    wait_until(lambda: len(heard) > 30)
-    moments = [at for at, _ in heard]
+    received = drive(station)
+    wait_until(lambda: len(received) > 30)
+    moments = [at for at, _ in received]
     gaps = sorted(b - a for a, b in itertools.pairwise(moments))
     assert gaps[len(gaps) // 2] == pytest.approx(0.05, abs=0.01)
 
 
-def test_a_command_is_on_the_wheels_within_two_slow_periods(
+def test_command_is_sent_within_two_slow_periods(
         station: Station, start: Start) -> None:
     """At 5 Hz, where nothing but the rule takes that long."""
     start('odometry_node', command_rate=5)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say_until(lambda: heard, 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+    station.say_until(lambda: received, 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
     sent_at = time.monotonic()
     station.say('cmd_vel', twist(-0.1, 0.7))
     expected = pytest.approx(EXAMPLE.wheel_speeds(-0.1, 0.7))
-    wait_until(lambda: list(heard[-1][1].velocity) == expected)
-    first = next(at for at, message in heard if list(message.velocity) == expected)
+    wait_until(lambda: list(received[-1][1].velocity) == expected)
+    first = next(at for at, message in received if list(message.velocity) == expected)
     assert first - sent_at < 2.0 * 0.2
 
 
 @pytest.mark.parametrize('topic', [
     'joint_states', 'odometry/set_pose', 'odometry/get_parameters'])
-def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: str) -> None:
-    """More messages of any kind than can be read: the watchdog comes first."""
+def test_message_flood_does_not_delay_the_timeout(
+        station: Station, start: Start, topic: str) -> None:
+    """More messages of any kind than can be processed: the watchdog comes first."""
     start('odometry_node')
-    heard = drive(station)
+    received = drive(station)
     with flood(station, topic):
         for _ in range(50):
             station.say('cmd_vel', twist(0.2, 0.7))
@@ -415,7 +416,7 @@ def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: 
 
         def sent() -> list[tuple[float, JointState]]:
             """By their stamps: the flood keeps those who listen waiting too."""
-            return [(stamp_ns(message) * 1e-9, message) for _, message in list(heard)]
+            return [(stamp_ns(message) * 1e-9, message) for _, message in list(received)]
 
         wait_until(lambda: sent()[-1][0] > due_at + 1.0)
         assert all(is_zero(message) for at, message in sent() if at > due_at)
@@ -424,11 +425,11 @@ def test_a_flood_does_not_delay_the_stop(station: Station, start: Start, topic: 
 
 
 @pytest.mark.parametrize('by_service', [False, True])
-def test_a_stop_that_is_asked_for_does_not_wait_behind_a_flood(
+def test_stop_command_does_not_wait_behind_a_flood(
         station: Station, start: Start, by_service: bool) -> None:
-    """By a zero command, or by ~/enable, while no watchdog is due."""
+    """By a zero command, or by ~/enable, while no timeout is due."""
     process = start('odometry_node', cmd_vel_timeout=0.0)
-    heard = drive(station)
+    received = drive(station)
     enable = station.node.create_client(SetBool, 'odometry/enable')
 
     def ask() -> None:
@@ -441,14 +442,14 @@ def test_a_stop_that_is_asked_for_does_not_wait_behind_a_flood(
         time.sleep(2.0)  # what it takes to have seconds of it wait
         asked_at = time.time()
         # Again and again: of what DDS loses in a flood, it notices with the next message.
-        wait_until(lambda: is_zero(heard[-1][1]) or ask(), pause=0.1)
-    first = next(stamp_ns(message) * 1e-9 for _, message in heard if is_zero(message))
+        wait_until(lambda: is_zero(received[-1][1]) or ask(), pause=0.1)
+    first = next(stamp_ns(message) * 1e-9 for _, message in received if is_zero(message))
     assert first - asked_at < 1.0  # it was 4 to more than 15
     # Its turn comes all the same, and finds nothing.
     if by_service:
         station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
     station.say_until(
-        lambda: not is_zero(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+        lambda: not is_zero(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert 'Traceback' not in process.output
@@ -498,11 +499,11 @@ for k in itertools.count():
 """
 
 
-def test_commands_from_before_a_pause_of_the_process_are_not_driven(
+def test_commands_from_a_pause_of_the_process_are_not_driven(
         station: Station, start: Start) -> None:
-    """Held up, and set free when the driver has long let go of the stick."""
+    """The driver released the stick long before the process continues."""
     process = start('odometry_node')
-    heard = drive(station)
+    received = drive(station)
     process.signal(signal.SIGSTOP)
     for _ in range(20):
         station.say('cmd_vel', twist(0.2, 0.7))
@@ -510,12 +511,12 @@ def test_commands_from_before_a_pause_of_the_process_are_not_driven(
     time.sleep(0.6)
     freed_at = time.monotonic()
     process.signal(signal.SIGCONT)
-    wait_until(lambda: heard[-1][0] > freed_at + 0.6)
-    after = [message for at, message in heard if at > freed_at]
+    wait_until(lambda: received[-1][0] > freed_at + 0.6)
+    after = [message for at, message in received if at > freed_at]
     assert len(after) > 10
     assert sum(not is_zero(message) for message in after) <= 1  # sent before it was noticed
     station.say_until(
-        lambda: not is_zero(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+        lambda: not is_zero(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
 
 
 BROKEN = """
@@ -534,18 +535,18 @@ sys.exit(runner.run(
 """
 
 
-def test_an_exception_stops_the_wheels_before_it_ends_the_node(
+def test_exception_stops_the_wheels_before_the_node_ends(
         station: Station, start: Start) -> None:
     """A defect is no reason to drive on."""
     broken = subprocess.Popen(
         [sys.executable, '-c', BROKEN], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         text=True)
     try:
-        heard = drive(station)
+        received = drive(station)
         publisher = station.node.create_publisher(JointState, 'joint_states', 1)
         wait_until(lambda: broken.poll() is not None or publisher.publish(JointState()), pause=0.1)
         assert broken.returncode == 1
-        wait_until(lambda: is_zero(heard[-1][1]))
+        wait_until(lambda: is_zero(received[-1][1]))
     finally:
         broken.kill()
     assert 'RuntimeError: broken on purpose' in broken.communicate()[0]
@@ -629,20 +630,20 @@ diff_drive_controller:
 
 @pytest.mark.parametrize('theirs', [THEIRS_4, THEIRS_6])
 @pytest.mark.parametrize(('asked', 'fastest'), [(0.9, 0.2), (-0.9, -0.1)])
-def test_a_parameter_file_for_diff_drive_controller_drives_as_there(
+def test_file_of_diff_drive_controller_drives_as_there(
         station: Station, start: Start, tmp_path: Path, theirs: str, asked: float,
         fastest: float) -> None:
-    """Up to the fastest at 1 m/s^2, and no faster."""
+    """Up to the maximum velocity at 1 m/s^2, and no faster."""
     file = tmp_path / 'theirs.yaml'
     file.write_text(theirs)
     process = start('odometry_node', '-r', '__node:=diff_drive_controller',
                     '--params-file', str(file))
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.say_until(
-        lambda: heard and heard[-1][1].velocity[0] * 0.015 == pytest.approx(fastest),
+        lambda: received and received[-1][1].velocity[0] * 0.015 == pytest.approx(fastest),
         'cmd_vel', itertools.repeat(twist(asked, 0.0)))
-    ramp = [message for _, message in heard
+    ramp = [message for _, message in received
             if message.velocity[0] * 0.015 != pytest.approx(fastest)]
     speeds = [message.velocity[0] * 0.015 for message in ramp]
     assert is_ramp(ramp, speeds, math.copysign(1.0, fastest))

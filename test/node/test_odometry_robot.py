@@ -37,7 +37,7 @@ from support.station import (
 DRIVE = DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS)
 
 Make = Callable[..., OdometryNode]
-Said = Callable[[], str]
+Logged = Callable[[], str]
 
 
 def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.count:
@@ -48,11 +48,12 @@ def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.coun
 
 
 def driving(station: Station) -> list:
-    """Return what is heard of the wheels once they turn."""
-    heard = station.hear(JointState, 'wheel_commands')
+    """Return what is received of the wheels once they turn."""
+    received = station.hear(JointState, 'wheel_commands')
     station.say_until(
-        lambda: heard and heard[-1][1].velocity[0], 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
-    return heard
+        lambda: received and received[-1][1].velocity[0], 'cmd_vel',
+        itertools.repeat(twist(0.4, 0.1)))
+    return received
 
 
 def stands(message: JointState) -> bool:
@@ -61,19 +62,19 @@ def stands(message: JointState) -> bool:
 
 
 def test_reset_odometry_answers_when_the_pose_is_zero(station: Station, make: Make) -> None:
-    """The next odom starts from there."""
+    """The next odom starts at zero."""
     make()
-    heard = station.hear(Odometry, 'odom')
+    received = station.hear(Odometry, 'odom')
     messages = angles()
-    station.say_until(lambda: len(heard) > 5, 'joint_states', messages)
-    assert heard[-1][1].pose.pose.position.x > 0.001
+    station.say_until(lambda: len(received) > 5, 'joint_states', messages)
+    assert received[-1][1].pose.pose.position.x > 0.001
     answer = station.call(Trigger, 'odometry/reset_odometry', Trigger.Request())
     assert answer.success
-    count = len(heard)
+    count = len(received)
     station.say('joint_states', next(messages))
-    wait_until(lambda: len(heard) > count)
+    wait_until(lambda: len(received) > count)
     moved = 0.5 * (0.03 * LEFT_RADIUS + 0.05 * RIGHT_RADIUS)
-    assert 0.0 < heard[count][1].pose.pose.position.x < 3.0 * moved
+    assert 0.0 < received[count][1].pose.pose.position.x < 3.0 * moved
 
 
 def pose_message(
@@ -90,15 +91,15 @@ def pose_message(
     return message
 
 
-def test_set_pose_sets_the_pose_with_its_covariance(station: Station, make: Make) -> None:
-    """As robot_localization's, but private, so that both can run in one namespace."""
+def test_set_pose_sets_pose_and_covariance(station: Station, make: Make) -> None:
+    """As robot_localization's, but private, so that both run in one namespace."""
     node = make()
     station.say('odometry/set_pose', pose_message('odom', 3.0, -4.0, 2.0))
     wait_until(lambda: node._odom.odometry.pose[0] == 3.0)
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: heard, 'joint_states', (
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: received, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
-    pose = heard[0][1].pose
+    pose = received[0][1].pose
     assert (pose.pose.position.x, pose.pose.position.y) == (3.0, -4.0)
     assert 2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) == pytest.approx(2.0)
     assert [pose.covariance[place] for place in (0, 7, 35)] == pytest.approx([0.04, 0.09, 0.01])
@@ -112,67 +113,67 @@ def test_set_pose_sets_the_pose_with_its_covariance(station: Station, make: Make
     (pose_message('odom', 1e300, 2.0, 0.0), 'must be finite and below 1e+09 m'),
     (pose_message('odom', 1.0, 2.0, 0.0, variance=1e308), 'must have no variance above 1e+12'),
 ])
-def test_a_pose_that_is_none_is_refused(
-        station: Station, make: Make, said: Callable[[], str],
+def test_invalid_set_pose_is_rejected(
+        station: Station, make: Make, logged: Callable[[], str],
         message: PoseWithCovarianceStamped, rule: str) -> None:
-    """Nothing changes, and the reason is said."""
+    """Nothing changes, and the reason is logged."""
     node = make()
     station.say('odometry/set_pose', message)
-    wait_until(lambda: rule in said())
+    wait_until(lambda: rule in logged())
     assert node._odom.odometry.pose.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_a_software_stop_holds_the_wheels_until_a_command_after_it(
+def test_disabled_wheels_stay_zero_until_a_new_command(
         station: Station, make: Make) -> None:
-    """Commands that came while it held are not driven when it ends."""
+    """Commands during the inhibit are not driven after it."""
     make()
-    heard = driving(station)
+    received = driving(station)
     answer = station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
     assert answer.success
-    wait_until(lambda: stands(heard[-1][1]))
-    count = len(heard)
+    wait_until(lambda: stands(received[-1][1]))
+    count = len(received)
     for _ in range(10):
         station.say('cmd_vel', twist(0.4, 0.1))
         time.sleep(0.02)
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
-    after = len(heard)
-    wait_until(lambda: len(heard) > after + 5)
-    assert all(stands(message) for _, message in heard[count:])
+    after = len(received)
+    wait_until(lambda: len(received) > after + 5)
+    assert all(stands(message) for _, message in received[count:])
     station.say_until(
-        lambda: not stands(heard[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
+        lambda: not stands(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
 
 
-def test_a_hold_of_a_moment_is_in_diagnostics_from_its_beginning_to_its_end(
+def test_short_inhibit_is_in_diagnostics(
         station: Station, make: Make) -> None:
-    """A driver who looks once a second would miss it."""
+    """The status of once a second would miss it."""
     make()
-    heard = station.hear(DiagnosticArray, '/diagnostics')
-    wait_until(lambda: heard)
+    received = station.hear(DiagnosticArray, '/diagnostics')
+    wait_until(lambda: received)
     for data in (False, True):
         station.call(SetBool, 'odometry/enable', SetBool.Request(data=data))
 
     def commands() -> list[tuple[str, str]]:
-        return [(status.message, value.value) for _, message in heard for status in message.status
-                for value in status.values
+        return [(status.message, value.value) for _, message in received
+                for status in message.status for value in status.values
                 if status.name.endswith('commands') and value.key == 'inhibits']
 
     wait_until(lambda: commands()[-1] == ('no command yet', '') and len(commands()) > 2)
     assert ('stopped: disabled by ~/enable', 'disabled') in commands()
 
 
-def test_why_the_wheels_stop_is_said_though_another_reason_was_said_just_now(
-        station: Station, make: Make, said: Said) -> None:
-    """The last reason is the one that counts."""
+def test_new_reason_of_a_stop_is_logged_after_another(
+        station: Station, make: Make, logged: Logged) -> None:
+    """The last reason counts."""
     make()
     driving(station)
     station.say('cmd_vel', twist(math.nan, 0.0))
-    wait_until(lambda: 'must be finite; wheels stopped' in said())
+    wait_until(lambda: 'must be finite; wheels stopped' in logged())
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
-    wait_until(lambda: 'disabled by ~/enable; wheels stopped' in said())
+    wait_until(lambda: 'disabled by ~/enable; wheels stopped' in logged())
 
 
-def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) -> None:
-    """The next command is driven only where nothing does."""
+def test_enable_answers_with_the_remaining_inhibits(station: Station, make: Make) -> None:
+    """The next command is driven only without any."""
     make(feedback_timeout=0.1, cmd_vel_timeout=0)
     station.say_until(
         lambda: station.call(SetBool, 'odometry/enable', SetBool.Request(data=True)).message
@@ -180,7 +181,7 @@ def test_enable_says_what_else_holds_the_wheels(station: Station, make: Make) ->
         itertools.repeat(twist(0.4, 0.1)))
 
 
-def test_the_first_command_is_held_too_where_the_encoders_are_silent(
+def test_first_command_is_inhibited_by_feedback_timeout(
         station: Station, make: Make) -> None:
     """It is counted with the others."""
     node = make(feedback_timeout=0.1, cmd_vel_timeout=0)
@@ -190,19 +191,19 @@ def test_the_first_command_is_held_too_where_the_encoders_are_silent(
     assert node._commander.counts['inhibited'] == node._commander.counts['commands']
 
 
-def test_a_clock_beyond_the_stamps_of_ros_is_refused(
-        station: Station, make: Make, said: Said) -> None:
-    """In 2038 their seconds end; joint_states without a stamp would have such a one."""
+def test_clock_beyond_2038_is_rejected(
+        station: Station, make: Make, logged: Logged) -> None:
+    """The seconds of timestamps end there; joint_states without one would get it."""
     node = make()
     node.get_clock = lambda: SimpleNamespace(
         now=lambda: SimpleNamespace(nanoseconds=2**31 * 10**9 + 7))
-    station.say_until(lambda: 'must be before 2038' in said(), 'joint_states', (
+    station.say_until(lambda: 'must be before 2038' in logged(), 'joint_states', (
         joints(0, left_wheel_joint=0.1 * k, right_wheel_joint=0.2 * k) for k in itertools.count()))
     assert node._odom.feedback.counts['unreadable']
 
 
-def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
-    """In open loop the stamps are the clock's own."""
+def test_odom_continues_after_the_clock_was_set_back(make: Make) -> None:
+    """In open loop the timestamps are the clock's own."""
     node = make(publish_rate=10.0)
     hour = 3600 * 10**9
     start = 10**18
@@ -213,166 +214,166 @@ def test_odom_goes_on_by_a_clock_that_was_set_back(make: Make) -> None:
     assert before == [True, False, True]
 
 
-def test_limits_that_may_not_be_meant_are_said_once_also_when_they_are_set_live(
-        station: Station, make: Make, said: Said) -> None:
-    """A minimum without its maximum does nothing; no acceleration, and the robot stays."""
+def test_limits_without_effect_warn_once_also_live(
+        station: Station, make: Make, logged: Logged) -> None:
+    """A minimum without its maximum has no effect; without acceleration the robot stays."""
     node = make(angular__z__min_velocity=-1.0)
-    assert 'angular.z: without effect, since their maximum is not set: min_velocity' in said()
+    assert 'angular.z: without effect, since their maximum is not set: min_velocity' in logged()
     for value in (-0.1, -0.2):
         node.set_parameters([Parameter('linear.x.min_velocity', value=value)])
     node.set_parameters([Parameter('linear.x.max_acceleration', value=0.0)])
-    assert said().count('linear.x: without effect') == 1
-    assert said().count('angular.z: without effect') == 1
-    assert 'linear.x.max_acceleration = 0.0: the robot never starts' in said()
+    assert logged().count('linear.x: without effect') == 1
+    assert logged().count('angular.z: without effect') == 1
+    assert 'linear.x.max_acceleration = 0.0: the robot never starts' in logged()
 
 
-def test_a_driver_of_one_wheel_is_named_though_nothing_was_ever_commanded(
-        station: Station, make: Make, said: Said) -> None:
-    """No odom, and whoever starts with a new robot looks at the log first."""
+def test_missing_wheel_is_logged_without_any_command(
+        station: Station, make: Make, logged: Logged) -> None:
+    """No odom, and a new robot's user reads the log first."""
     make()
-    station.say_until(lambda: 'waiting for right_wheel_joint' in said(), 'joint_states', (
+    station.say_until(lambda: 'waiting for right_wheel_joint' in logged(), 'joint_states', (
         joints(k, left_wheel_joint=1.0) for k in itertools.count(1)))
 
 
-def test_in_open_loop_too_a_clock_beyond_the_stamps_of_ros_is_refused(
-        station: Station, make: Make, said: Said) -> None:
+def test_open_loop_rejects_a_clock_beyond_2038(
+        station: Station, make: Make, logged: Logged) -> None:
     """The wheels are commanded all the same."""
     node = make(open_loop=True)
-    heard = driving(station)
+    received = driving(station)
     ticks = []
     node._command_loop._sender.send = lambda *arguments: ticks.append(arguments)
     node.get_clock = lambda: SimpleNamespace(now=lambda: SimpleNamespace(
         nanoseconds=2**31 * 10**9 + 7, to_msg=lambda: Time(sec=2**31 - 1)))
     wait_until(lambda: len(ticks) > 3)
-    assert 'joint_states: the clock is at 2147483648 s: must be before 2038' in said()
-    assert heard
+    assert 'joint_states: the clock is at 2147483648 s: must be before 2038' in logged()
+    assert received
 
 
-def test_a_clock_that_is_changed_on_the_way_stops_by_the_deceleration_limit(
-        station: Station, make: Make, said: Said) -> None:
-    """The time since the last step is unknown then, and no reason to stop in one message."""
+def test_change_of_clock_stops_by_the_deceleration_limit(
+        station: Station, make: Make, logged: Logged) -> None:
+    """The time since the last step is unknown, which is no reason to stop at once."""
     node = make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-1.0)
-    heard = driving(station)
+    received = driving(station)
     node.set_parameters([Parameter('use_sim_time', value=True)])
-    wait_until(lambda: stands(heard[-1][1]))
-    speeds = [message.velocity[0] for _, message in heard]
+    wait_until(lambda: stands(received[-1][1]))
+    speeds = [message.velocity[0] for _, message in received]
     assert max(-np.diff(speeds)) < 0.3 * max(speeds)
-    assert 'clock' in said()
+    assert 'clock' in logged()
 
 
-def test_a_software_stop_before_any_command_holds_the_wheels_too(
+def test_disable_before_any_command_sends_zeros(
         station: Station, make: Make) -> None:
-    """Zeros go out, for somebody else may have set them turning."""
+    """Another node may have set the wheels turning."""
     make()
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
-    wait_until(lambda: len(heard) > 3)
-    assert all(stands(message) for _, message in heard)
+    wait_until(lambda: len(received) > 3)
+    assert all(stands(message) for _, message in received)
 
 
-def test_the_twist_as_applied_is_published_when_asked_for(station: Station, make: Make) -> None:
+def test_applied_twist_is_published_where_enabled(station: Station, make: Make) -> None:
     """Limited by the acceleration, step by step."""
     make(publish_limited_velocity=True, linear__x__max_acceleration=1.0)
-    heard = station.hear(TwistStamped, 'odometry/cmd_vel_out')
+    received = station.hear(TwistStamped, 'odometry/cmd_vel_out')
     station.say_until(
-        lambda: heard and heard[-1][1].twist.linear.x == 0.4, 'cmd_vel',
+        lambda: received and received[-1][1].twist.linear.x == 0.4, 'cmd_vel',
         itertools.repeat(twist(0.4, 0.1)))
-    ramp = [message for _, message in heard if message.twist.linear.x < 0.4]
+    ramp = [message for _, message in received if message.twist.linear.x < 0.4]
     assert is_ramp(ramp, [message.twist.linear.x for message in ramp], 1.0)
-    assert heard[0][1].header.frame_id == 'base_link'
+    assert received[0][1].header.frame_id == 'base_link'
 
 
-def test_a_stop_keeps_to_the_deceleration_limit_and_not_to_the_jerk_limit(
+def test_stop_uses_the_deceleration_but_no_jerk_limit(
         station: Station, make: Make) -> None:
-    """From the timeout on the wheels slow down evenly to exactly zero."""
+    """After the timeout the wheels slow down evenly to exactly zero."""
     make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-2.0,
          linear__x__max_jerk=1e6, linear__x__min_jerk=-0.1, cmd_vel_timeout=0.2)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     station.say_until(
-        lambda: heard and heard[-1][1].velocity[0] > 8.0, 'cmd_vel',
+        lambda: received and received[-1][1].velocity[0] > 8.0, 'cmd_vel',
         itertools.repeat(twist(0.4, 0.0)))
-    wait_until(lambda: stands(heard[-1][1]))
-    left = [message.velocity[0] * LEFT_RADIUS for _, message in heard]
+    wait_until(lambda: stands(received[-1][1]))
+    left = [message.velocity[0] * LEFT_RADIUS for _, message in received]
     last_full = max(k for k, speed in enumerate(left) if speed == pytest.approx(0.4))
     end = left.index(0.0, last_full)
-    ramp = [message for _, message in heard[last_full:end]]
+    ramp = [message for _, message in received[last_full:end]]
     assert is_ramp(ramp, left[last_full:end], -2.0)
     assert not any(left[end:])
 
 
-def test_odom_is_thinned_out_to_the_publish_rate_by_stamp(station: Station, make: Make) -> None:
+def test_odom_is_thinned_to_publish_rate_by_timestamp(station: Station, make: Make) -> None:
     """Of a hundred messages a second, each fourth."""
     make(publish_rate=25.0)
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: heard, 'joint_states', angles())
-    heard.clear()
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: received, 'joint_states', angles())
+    received.clear()
     for message in itertools.islice(angles(start_ns=10**10), 41):
         station.say('joint_states', message)
-    wait_until(lambda: heard and stamp_ns(heard[-1][1]) >= 10**10 + 400_000_000)
-    steps = np.diff([stamp_ns(message) for _, message in heard])
-    assert len(heard) >= 10
+    wait_until(lambda: received and stamp_ns(received[-1][1]) >= 10**10 + 400_000_000)
+    steps = np.diff([stamp_ns(message) for _, message in received])
+    assert len(received) >= 10
     assert set(steps.tolist()) == {40_000_000}
 
 
-def test_the_stamp_is_the_newest_when_wheels_come_apart(station: Station, make: Make) -> None:
-    """The older message may be the last to come."""
+def test_split_wheels_get_the_newest_timestamp(station: Station, make: Make) -> None:
+    """The older message may arrive last."""
     make()
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: heard, 'joint_states', angles())
-    heard.clear()
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: received, 'joint_states', angles())
+    received.clear()
     for k in range(1, 4):
         station.say('joint_states', joints(10**10 * k + 9_000_000, left_wheel_joint=0.1))
         station.say('joint_states', joints(10**10 * k, right_wheel_joint=0.1))
-        wait_until(lambda k=k: len(heard) == k)
-    assert [stamp_ns(message) for _, message in heard] == [
+        wait_until(lambda k=k: len(received) == k)
+    assert [stamp_ns(message) for _, message in received] == [
         10**10 * k + 9_000_000 for k in range(1, 4)]
 
 
-def test_time_that_starts_again_goes_on_with_the_same_pose(station: Station, make: Make) -> None:
-    """A bag loops: odom follows with the new stamps, and the pose does not jump."""
+def test_time_reset_continues_with_the_same_pose(station: Station, make: Make) -> None:
+    """A bag loops: odom has the new timestamps, and the pose does not jump."""
     make()
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: heard, 'joint_states', angles(start_ns=10**12))
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: received, 'joint_states', angles(start_ns=10**12))
     for message in itertools.islice(angles(start_ns=10**12 + 10**10), 20):
         station.say('joint_states', message)
-    wait_until(lambda: stamp_ns(heard[-1][1]) == 10**12 + 10**10 + 190_000_000)
-    before = heard[-1][1].pose.pose.position
-    heard.clear()
+    wait_until(lambda: stamp_ns(received[-1][1]) == 10**12 + 10**10 + 190_000_000)
+    before = received[-1][1].pose.pose.position
+    received.clear()
     for message in itertools.islice(angles(start_ns=10**9), 5):
         station.say('joint_states', message)
-    wait_until(lambda: len(heard) == 4)
-    assert stamp_ns(heard[0][1]) == 10**9 + 10_000_000
-    after = heard[0][1].pose.pose.position
+    wait_until(lambda: len(received) == 4)
+    assert stamp_ns(received[0][1]) == 10**9 + 10_000_000
+    after = received[0][1].pose.pose.position
     assert math.hypot(after.x - before.x, after.y - before.y) < 0.01
-    assert heard[-1][1].twist.twist.angular.z == pytest.approx(
+    assert received[-1][1].twist.twist.angular.z == pytest.approx(
         DRIVE.body_twist(3.0, 5.0)[1], rel=1e-9)
 
 
-def test_a_driver_of_best_effort_is_heard(station: Station, make: Make) -> None:
+def test_best_effort_driver_is_received(station: Station, make: Make) -> None:
     """As micro-ROS boards and sensor data are."""
     make()
-    heard = station.hear(Odometry, 'odom')
+    received = station.hear(Odometry, 'odom')
     publisher = station.node.create_publisher(
         JointState, 'joint_states',
         QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))
     messages = angles()
-    wait_until(lambda: heard or publisher.publish(next(messages)), pause=0.05)
+    wait_until(lambda: received or publisher.publish(next(messages)), pause=0.05)
 
 
 def diagnostics(station: Station) -> Callable[[], dict[str, DiagnosticStatus]]:
     """Return a function that returns the last status by its short name."""
-    heard = station.hear(DiagnosticArray, '/diagnostics')
+    received = station.hear(DiagnosticArray, '/diagnostics')
 
     def last() -> dict[str, DiagnosticStatus]:
-        if not heard:
+        if not received:
             return {}
-        return {status.name.partition(': ')[2]: status for status in heard[-1][1].status}
+        return {status.name.partition(': ')[2]: status for status in received[-1][1].status}
 
     return last
 
 
-def test_diagnostics_tell_rates_counts_and_what_was_left_out(
+def test_diagnostics_have_rates_and_counters(
         station: Station, make: Make) -> None:
     """Under the full name of the node."""
     make(max_plausible_wheel_speed=60.0)
@@ -381,9 +382,9 @@ def test_diagnostics_tell_rates_counts_and_what_was_left_out(
     assert last()['feedback'].level == DiagnosticStatus.WARN
     assert last()['commands'].level == last()['geometry'].level == DiagnosticStatus.OK
     assert last()['feedback'].hardware_id == '/odometry'
-    heard = station.hear(Odometry, 'odom')
+    received = station.hear(Odometry, 'odom')
     messages = angles()
-    station.say_until(lambda: len(heard) > 5, 'joint_states', messages)
+    station.say_until(lambda: len(received) > 5, 'joint_states', messages)
     glitch = next(messages)
     glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
     station.say('joint_states', glitch)
@@ -405,8 +406,8 @@ def test_diagnostics_tell_rates_counts_and_what_was_left_out(
     assert 'no message' in last()['feedback'].message
 
 
-def test_a_payload_that_cannot_be_read_is_counted_and_said_and_loses_nothing(
-        station: Station, make: Make, said: Said) -> None:
+def test_unreadable_payload_is_counted_and_loses_nothing(
+        station: Station, make: Make, logged: Logged) -> None:
     """Bytes that claim to be a JointState, between two that are."""
     make()
     last, odom = diagnostics(station), station.hear(Odometry, 'odom')
@@ -415,8 +416,8 @@ def test_a_payload_that_cannot_be_read_is_counted_and_said_and_loses_nothing(
     station.say_until(lambda: odom, 'joint_states', messages)
     whole = serialize_message(next(messages))
     station.say('joint_states', whole[:60])
-    wait_until(lambda: 'unreadable' in said())
-    assert re.search(r'joint_states: unreadable: a \w+ ends at byte \d+ of 60: must end', said())
+    wait_until(lambda: 'unreadable' in logged())
+    assert re.search(r'joint_states: unreadable: a \w+ ends at byte \d+ of 60: must end', logged())
     count = len(odom)
     station.say('joint_states', next(messages))
     wait_until(lambda: len(odom) > count)
@@ -428,19 +429,19 @@ def test_a_payload_that_cannot_be_read_is_counted_and_said_and_loses_nothing(
     (itertools.repeat(5 * 10**9), r'\d+ out_of_order'),
     (itertools.repeat(2 * 10**9), r'\d+ out_of_order'),
 ])
-def test_a_stamp_that_is_stuck_is_named_where_samples_are_missed(
-        station: Station, make: Make, said: Said, stamps: Iterator[int], why: str) -> None:
-    """The last one, or one from the past: heard are all, and none is of use."""
+def test_stuck_timestamp_is_logged_as_the_reason(
+        station: Station, make: Make, logged: Logged, stamps: Iterator[int], why: str) -> None:
+    """All are received, and none is usable."""
     make()
     odom = station.hear(Odometry, 'odom')
     station.say_until(lambda: odom, 'joint_states', angles(start_ns=5 * 10**9 - 20_000_000))
-    station.say_until(lambda: 'no usable sample' in said(), 'joint_states', (
+    station.say_until(lambda: 'no usable sample' in logged(), 'joint_states', (
         joints(stamp, left_wheel_joint=1.0, right_wheel_joint=2.0) for stamp in stamps))
-    assert re.search(rf'no usable sample for 2 s \({why}\)', said())
+    assert re.search(rf'no usable sample for 2 s \({why}\)', logged())
 
 
-def test_a_second_kind_of_wrong_feedback_is_said_though_the_first_was_said_just_now(
-        station: Station, make: Make, said: Said) -> None:
+def test_second_kind_of_faulty_feedback_is_logged_too(
+        station: Station, make: Make, logged: Logged) -> None:
     """A failing encoder glitches, and then has no value."""
     make(max_plausible_wheel_speed=60.0)
     odom = station.hear(Odometry, 'odom')
@@ -449,17 +450,17 @@ def test_a_second_kind_of_wrong_feedback_is_said_though_the_first_was_said_just_
     glitch = next(messages)
     glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
     station.say('joint_states', glitch)
-    wait_until(lambda: 'faster than max_plausible_wheel_speed' in said())
+    wait_until(lambda: 'faster than max_plausible_wheel_speed' in logged())
 
     def broken() -> Iterator[JointState]:
         for message in messages:
             message.position = [math.nan, message.position[1]]
             yield message
 
-    station.say_until(lambda: 'left_wheel_joint = nan' in said(), 'joint_states', broken())
+    station.say_until(lambda: 'left_wheel_joint = nan' in logged(), 'joint_states', broken())
 
 
-def test_a_parameter_of_a_wrong_type_is_refused_and_the_node_goes_on(
+def test_parameter_of_wrong_type_is_rejected_live(
         station: Station, make: Make) -> None:
     """An empty list for a number, as no command line sends it."""
     make()
@@ -473,74 +474,74 @@ def test_a_parameter_of_a_wrong_type_is_refused_and_the_node_goes_on(
     driving(station)
 
 
-def test_a_qos_override_of_what_is_not_there_is_said(
-        station: Station, make: Make, said: Said) -> None:
-    """A typo would leave the defaults in silence."""
+def test_unknown_qos_override_warns(
+        station: Station, make: Make, logged: Logged) -> None:
+    """A typo would leave the defaults without a word."""
     make(**{'qos_overrides./odmo.publisher.depth': 5})
-    assert 'qos_overrides./odmo.publisher.depth: no parameter' in said()
-    assert 'the nearest is qos_overrides./odom.publisher.depth' in said()
+    assert 'qos_overrides./odmo.publisher.depth: no parameter' in logged()
+    assert 'the nearest is qos_overrides./odom.publisher.depth' in logged()
 
 
-def test_the_example_robot_holds_diagnostics_at_warn(station: Station) -> None:
-    """Until somebody says whose robot it is."""
+def test_example_robot_keeps_diagnostics_at_warn(station: Station) -> None:
+    """Until a geometry is given."""
     station.add(OdometryNode(context=station.context))
     last = diagnostics(station)
     wait_until(last)
     assert last()['geometry'].level == DiagnosticStatus.WARN
 
 
-def test_joints_of_other_names_are_said_with_those_that_are_waited_for(
-        station: Station, make: Make, said: Callable[[], str]) -> None:
+def test_wrong_joint_names_are_logged_with_the_missing(
+        station: Station, make: Make, logged: Callable[[], str]) -> None:
     """The driver's names are not the parameters'."""
     make()
     wait_until(lambda: station.say('joint_states', joints(1, wheel_l=1.0, wheel_r=2.0))
                or 'received wheel_l, wheel_r; waiting for left_wheel_joint, right_wheel_joint'
-               in said(), pause=0.2)
+               in logged(), pause=0.2)
 
 
-def test_velocities_alone_are_said_to_need_position_feedback_false(
-        station: Station, make: Make, said: Callable[[], str]) -> None:
+def test_velocities_alone_warn_of_position_feedback_once(
+        station: Station, make: Make, logged: Callable[[], str]) -> None:
     """Once, not with every message."""
     make()
     for k in range(20):
         station.say('joint_states', JointState(
             name=['left_wheel_joint', 'right_wheel_joint'], velocity=[1.0, float(k)]))
         station.say('joint_states', joints(1, arm=1.0))
-    wait_until(lambda: 'position_feedback' in said())
+    wait_until(lambda: 'position_feedback' in logged())
     time.sleep(0.1)
-    assert said().count('position_feedback') == 1
+    assert logged().count('position_feedback') == 1
 
 
-def test_a_sideways_command_is_said_once_and_ignored(
-        station: Station, make: Make, said: Callable[[], str]) -> None:
-    """No wheel can do that."""
+def test_sideways_command_warns_once_and_is_ignored(
+        station: Station, make: Make, logged: Callable[[], str]) -> None:
+    """No wheel can drive it."""
     make()
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     message = twist(0.2, 0.0)
     message.linear.y = 0.5
-    station.say_until(lambda: len(heard) > 3, 'cmd_vel', itertools.repeat(message))
-    assert list(heard[-1][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.2, 0.0))
-    assert said().count('more than linear.x and angular.z') == 1
+    station.say_until(lambda: len(received) > 3, 'cmd_vel', itertools.repeat(message))
+    assert list(received[-1][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.2, 0.0))
+    assert logged().count('more than linear.x and angular.z') == 1
 
 
-def test_silent_feedback_stops_the_wheels_when_asked_for(station: Station, make: Make) -> None:
-    """And the next command after it has come back is driven."""
+def test_feedback_timeout_stops_the_wheels(station: Station, make: Make) -> None:
+    """The next command after feedback is back is driven."""
     make(feedback_timeout=0.3, cmd_vel_timeout=0)
     messages, odometry = angles(), station.hear(Odometry, 'odom')
     station.say_until(lambda: odometry, 'joint_states', messages)
-    heard = driving(station)
-    wait_until(lambda: stands(heard[-1][1]))
+    received = driving(station)
+    wait_until(lambda: stands(received[-1][1]))
     for _ in range(5):
         station.say('joint_states', next(messages))
         station.say('cmd_vel', twist(0.4, 0.1))
         time.sleep(0.05)
-    assert not stands(heard[-1][1])
+    assert not stands(received[-1][1])
 
 
-def test_a_clock_that_stands_still_stops_the_wheels(station: Station, make: Make) -> None:
-    """Simulation time: commands age in it, and a second of real time without it is a timeout."""
+def test_clock_stall_stops_the_wheels(station: Station, make: Make) -> None:
+    """Commands age in simulation time; a second of real time without it is a timeout."""
     make(use_sim_time=True, cmd_vel_timeout=100.0)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
 
     def tick(k: int) -> None:
         clock = Clock()
@@ -550,16 +551,16 @@ def test_a_clock_that_stands_still_stops_the_wheels(station: Station, make: Make
 
     ticks = itertools.count()
     wait_until(
-        lambda: (heard and not stands(heard[-1][1])) or tick(next(ticks)), pause=0.02)
+        lambda: (received and not stands(received[-1][1])) or tick(next(ticks)), pause=0.02)
     stopped_ticking = time.monotonic()
-    wait_until(lambda: stands(heard[-1][1]))
-    assert 0.7 < heard[-1][0] - stopped_ticking < 1.5
+    wait_until(lambda: stands(received[-1][1]))
+    assert 0.7 < received[-1][0] - stopped_ticking < 1.5
 
 
 def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
     """A simulation at a tenth of real time gives them ten times as long."""
     make(use_sim_time=True, cmd_vel_timeout=0.1)
-    heard = station.hear(JointState, 'wheel_commands')
+    received = station.hear(JointState, 'wheel_commands')
     ticks = itertools.count()
 
     def tick() -> int:
@@ -569,16 +570,16 @@ def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
         station.say('/clock', clock)
         return k
 
-    wait_until(lambda: (heard and not stands(heard[-1][1])) or (
+    wait_until(lambda: (received and not stands(received[-1][1])) or (
         tick() >= 0 and station.say('cmd_vel', twist(0.4, 0.1))), pause=0.01)
     first = tick()
-    wait_until(lambda: stands(heard[-1][1]) or tick() < 0, pause=0.01)
+    wait_until(lambda: stands(received[-1][1]) or tick() < 0, pause=0.01)
     assert 90 <= next(ticks) - first < 115
 
 
-def test_without_encoders_nothing_is_held_for_their_silence(
-        station: Station, make: Make, said: Said) -> None:
-    """Also where simulation time stands for longer than they might be silent."""
+def test_open_loop_has_no_feedback_timeout(
+        station: Station, make: Make, logged: Logged) -> None:
+    """Also where simulation time stands for longer than the timeout."""
     node = make(open_loop=True, use_sim_time=True, feedback_timeout=0.1, cmd_vel_timeout=0)
     clock = Clock()
     clock.clock.sec = 5
@@ -589,11 +590,11 @@ def test_without_encoders_nothing_is_held_for_their_silence(
                  and node._commander.counts['commands'] > 9),
         'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
     assert 'joint_states' not in node._commander.complaint
-    assert 'no usable joint_states' not in said()
+    assert 'no usable joint_states' not in logged()
 
 
-def test_the_last_zero_is_waited_for(station: Station, make: Make) -> None:
-    """On every topic of the wheels, and after it was sent."""
+def test_stop_waits_for_the_acknowledgement(station: Station, make: Make) -> None:
+    """On every topic of the wheels, after all were sent."""
     node = make(wheel_command_type='per_wheel')
     node._command_loop._is_commanding = True
     order = []
@@ -611,8 +612,8 @@ def test_the_last_zero_is_waited_for(station: Station, make: Make) -> None:
     assert order == [('publish', 0.0), ('publish', 0.0), ('wait', True), ('wait', True)]
 
 
-def test_the_transform_is_that_of_odom(station: Station, make: Make) -> None:
-    """Same stamp, frames and pose, where tf2_msgs is."""
+def test_transform_equals_odom(station: Station, make: Make) -> None:
+    """Same timestamp, frames and pose, where tf2_msgs is."""
     tf2_msgs = pytest.importorskip('tf2_msgs.msg', reason='no tf2_msgs: see .ci/tf2_msgs')
     make(tf_frame_prefix='robot1')
     odometry, transforms = station.hear(Odometry, 'odom'), station.hear(tf2_msgs.TFMessage, '/tf')
@@ -628,15 +629,15 @@ def test_the_transform_is_that_of_odom(station: Station, make: Make) -> None:
     assert transform.transform.rotation == message.pose.pose.orientation
 
 
-def test_no_transform_is_published_when_it_is_not_wanted(station: Station, make: Make) -> None:
-    """Beside a filter that publishes it."""
+def test_no_transform_is_published_where_disabled(station: Station, make: Make) -> None:
+    """A filter beside it publishes it."""
     pytest.importorskip('tf2_msgs.msg', reason='no tf2_msgs: see .ci/tf2_msgs')
     node = make(enable_odom_tf=False)
     assert '/tf' not in [publisher.topic_name for publisher in node.publishers]
 
 
-def test_the_namespace_may_be_the_prefix_of_the_frames(station: Station) -> None:
-    """With ~, as diff_drive_controller has it for an empty prefix."""
+def test_tilde_prefixes_frames_with_the_namespace(station: Station) -> None:
+    """As diff_drive_controller does for an empty prefix."""
     node = OdometryNode(context=station.context, namespace='fleet/r2', parameter_overrides=[
         Parameter('tf_frame_prefix', value='~')])
     assert (node._config.odom_frame, node._config.base_frame) == (
@@ -644,20 +645,20 @@ def test_the_namespace_may_be_the_prefix_of_the_frames(station: Station) -> None
     node.destroy_node()
 
 
-def test_a_diagonal_that_is_set_stands_in_for_the_covariance(
+def test_covariance_diagonal_replaces_the_covariance(
         station: Station, make: Make) -> None:
     """The parameters of diff_drive_controller; zeros are not set."""
     diagonal = [0.001, 0.002, 1e6, 1e5, 1e4, 0.03]
     make(pose_covariance_diagonal=diagonal)
-    heard = station.hear(Odometry, 'odom')
-    station.say_until(lambda: len(heard) > 3, 'joint_states', angles())
+    received = station.hear(Odometry, 'odom')
+    station.say_until(lambda: len(received) > 3, 'joint_states', angles())
     pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (
-        heard[-1][1].pose, heard[-1][1].twist))
+        received[-1][1].pose, received[-1][1].twist))
     np.testing.assert_array_equal(pose, np.diag(diagonal))
     assert twist[0, 0] > 0.0
 
 
-def test_only_the_names_of_the_contract_are_used(station: Station, make: Make) -> None:
+def test_only_documented_names_are_used(station: Station, make: Make) -> None:
     """Others have set_pose, enable, reset, cmd_vel_out and odometry/filtered in a namespace."""
     node = make(publish_limited_velocity=True)
 
@@ -683,11 +684,11 @@ def test_only_the_names_of_the_contract_are_used(station: Station, make: Make) -
         '/odometry/reset_odometry': 'std_srvs/srv/Trigger'}
 
 
-def test_robots_in_one_domain_keep_to_themselves(station: Station) -> None:
-    """Each in its namespace: the wheels of one do not move the odometry of the other."""
+def test_namespaces_separate_robots_in_one_domain(station: Station) -> None:
+    """The wheels of one do not move the odometry of the other."""
     nodes = [station.add(OdometryNode(context=station.context, namespace=name)) for name in 'ab']
-    heard = {name: station.hear(Odometry, f'/{name}/odom') for name in 'ab'}
-    station.say_until(lambda: len(heard['a']) > 5, '/a/joint_states', angles())
-    assert heard['b'] == []
+    received = {name: station.hear(Odometry, f'/{name}/odom') for name in 'ab'}
+    station.say_until(lambda: len(received['a']) > 5, '/a/joint_states', angles())
+    assert received['b'] == []
     assert nodes[0]._odom.odometry.pose[0] > 0.0
     assert nodes[1]._odom.odometry.pose[0] == 0.0

@@ -38,8 +38,8 @@ class Service:
         self.answered.append(header)
 
 
-def test_requests_without_end_do_not_keep_the_rest_waiting() -> None:
-    """They are answered, in their order, in several turns."""
+def test_take_requests_answers_a_limited_number() -> None:
+    """They are answered in their order, in several calls."""
     service = Service()
     take_requests(service)
     assert service.answered == list(range(1, MAX_REQUESTS + 1))

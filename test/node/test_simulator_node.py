@@ -43,12 +43,12 @@ def velocities(message: JointState) -> dict[str, float]:
     return dict(zip(message.name, message.velocity, strict=True))
 
 
-def is_turning(heard: list, left: float, right: float) -> bool:
+def is_turning(received: list, left: float, right: float) -> bool:
     """Return whether the last message has both sides at these speeds [rad/s]."""
-    if not heard:
+    if not received:
         return False
     expected = {'fl': left, 'rl': left, 'fr': right, 'rr': right}
-    return velocities(heard[-1][1]) == pytest.approx(expected, abs=0.5)
+    return velocities(received[-1][1]) == pytest.approx(expected, abs=0.5)
 
 
 @pytest.mark.parametrize(('form', 'messages'), [
@@ -58,36 +58,36 @@ def is_turning(heard: list, left: float, right: float) -> bool:
     ('per_wheel', {f'{name}/command': Float64(data=speed) for name, speed in (
         ('fl', -3.0), ('rl', -3.0), ('fr', 5.0), ('rr', 5.0))}),
 ])
-def test_the_wheels_turn_as_they_are_told_in_each_form(
+def test_simulated_wheels_follow_each_command_type(
         station: Station, make: Make, form: str, messages: dict) -> None:
-    """And stop when nobody tells them any more."""
+    """They stop on timeout."""
     make(wheel_command_type=form, command_timeout=0.2)
-    heard = station.hear(JointState, 'joint_states')
-    wait_until(lambda: is_turning(heard, 0.0, 0.0))
+    received = station.hear(JointState, 'joint_states')
+    wait_until(lambda: is_turning(received, 0.0, 0.0))
 
     def tell() -> None:
         for topic, message in messages.items():
             station.say(topic, message)
 
-    wait_until(lambda: is_turning(heard, -3.0, 5.0) or tell(), pause=0.05)
-    wait_until(lambda: is_turning(heard, 0.0, 0.0))
+    wait_until(lambda: is_turning(received, -3.0, 5.0) or tell(), pause=0.05)
+    wait_until(lambda: is_turning(received, 0.0, 0.0))
 
 
-def test_a_command_that_is_not_finite_stops_the_wheel(station: Station, make: Make) -> None:
-    """As a motor driver should."""
+def test_nan_command_stops_the_simulated_wheel(station: Station, make: Make) -> None:
+    """As in a motor driver."""
     make()
-    heard = station.hear(JointState, 'joint_states')
+    received = station.hear(JointState, 'joint_states')
     names = ['fl', 'rl', 'fr', 'rr']
     for speed, turning in ((4.0, 4.0), (math.nan, 0.0)):
         command = JointState(name=names, velocity=[speed] * 4)
         station.say_until(
-            lambda turning=turning: is_turning(heard, turning, turning),
+            lambda turning=turning: is_turning(received, turning, turning),
             'wheel_commands', itertools.repeat(command))
 
 
-def test_the_truth_has_the_stamps_of_the_joints_and_is_where_ideal_wheels_lead(
+def test_ground_truth_equals_odometry_of_ideal_wheels(
         station: Station, make: Make) -> None:
-    """Without slip, noise and encoder steps, exact odometry and the truth agree."""
+    """Without slip, noise and encoder steps, at the timestamps of joint_states."""
     make(ticks_per_revolution=0)
     joints = station.hear(JointState, 'joint_states')
     truth = station.hear(Odometry, 'ground_truth')
@@ -112,14 +112,15 @@ def test_the_truth_has_the_stamps_of_the_joints_and_is_where_ideal_wheels_lead(
     assert heading == pytest.approx(expected[2], abs=1e-5)
 
 
-def test_swap_wheels_swap_the_sides_of_motors_and_encoders(
+def test_swap_wheels_swaps_motors_and_encoders(
         station: Station, make: Make) -> None:
-    """The truth turns the other way, and joint_states does not show it."""
+    """The true pose turns the other way, and joint_states does not show it."""
     make(swap_wheels=True)
-    heard, truth = station.hear(JointState, 'joint_states'), station.hear(Odometry, 'ground_truth')
+    received = station.hear(JointState, 'joint_states')
+    truth = station.hear(Odometry, 'ground_truth')
     command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[1.0, 1.0, 6.0, 6.0])
     station.say_until(
-        lambda: is_turning(heard, 1.0, 6.0), 'wheel_commands', itertools.repeat(command))
+        lambda: is_turning(received, 1.0, 6.0), 'wheel_commands', itertools.repeat(command))
     wait_until(lambda: truth[-1][1].twist.twist.angular.z < -0.1)
 
 
@@ -130,17 +131,17 @@ def test_swap_wheels_swap_the_sides_of_motors_and_encoders(
      'wheel_radius came without it'),
     ({'ticks_per_revolution': 0.5}, 'ticks_per_revolution = 0.5: must be an integer'),
 ])
-def test_a_wrong_parameter_refuses_to_start(
+def test_simulator_rejects_wrong_parameters(
         start: Callable[..., Process], parameters: dict, line: str) -> None:
-    """As the node odometry does."""
+    """As odometry does."""
     process = start('simulator_node', **parameters)
     assert process.wait() == 1
     assert process.output.strip() == f'simulator: /simulator cannot start: {line}'
 
 
-def test_a_name_that_is_no_parameter_is_named_with_the_nearest(
+def test_unknown_parameter_warns_with_the_nearest(
         station: Station, start: Callable[..., Process]) -> None:
-    """Or the robot is another one than was meant."""
+    """A typo would simulate another robot."""
     process = start('simulator_node', slipp=0.1)
     wait_until(lambda: station.node.count_publishers('joint_states'))
     process.signal(signal.SIGINT)

@@ -63,9 +63,9 @@ def link(hosts: Hosts, robot: Program, station: Program) -> Iterator[Hosts]:
     check_odometry(robot, station)
 
 
-def speeds(heard: tuple) -> list[float]:
-    """Return the speeds in what was heard of the wheels [rad/s]."""
-    return list(heard[1].velocity)
+def speeds(received: tuple) -> list[float]:
+    """Return the speeds in what was received of the wheels [rad/s]."""
+    return list(received[1].velocity)
 
 
 def is_driving(robot: Program) -> bool:
@@ -75,10 +75,10 @@ def is_driving(robot: Program) -> bool:
 
 def timeouts(robot: Program) -> int:
     """Return how many the node has counted, by the next of its diagnostics."""
-    heard = robot.heard['diagnostics']
-    count = len(heard)
-    wait_until(lambda: len(heard) > count)
-    [status] = [each for each in heard[-1][1].status if each.name.endswith('commands')]
+    received = robot.heard['diagnostics']
+    count = len(received)
+    wait_until(lambda: len(received) > count)
+    [status] = [each for each in received[-1][1].status if each.name.endswith('commands')]
     return int({pair.key: pair.value for pair in status.values}.get('timeouts', 0))
 
 
@@ -98,9 +98,9 @@ def timeouts_while_steady(robot: Program) -> int:
 
 def check_stop(robot: Program, cut_at: float, delay: float = 0.0) -> float:
     """Return when the wheels were told to stop after a cut, which is in time."""
-    heard = robot.heard['wheel_commands']
-    wait_until(lambda: heard[-1][0] > cut_at and not is_driving(robot))
-    stopped_at = next(each[0] for each in heard if each[0] > cut_at and not any(speeds(each)))
+    received = robot.heard['wheel_commands']
+    wait_until(lambda: received[-1][0] > cut_at and not is_driving(robot))
+    stopped_at = next(each[0] for each in received if each[0] > cut_at and not any(speeds(each)))
     assert stopped_at - cut_at < delay + TIMEOUT + PERIOD + LATE
     wait_until(lambda: np.abs(speeds(robot.heard['joint_states'][-1])).max() < 0.01)
     print(f'zero {stopped_at - cut_at:.3f} s after the cut', end=', ')
@@ -124,12 +124,12 @@ def check_return(robot: Program, station: Program, back_at: float) -> None:
           f'and the station hears after {hears_at - back_at:.3f} s')
 
 
-def poses(heard: list[tuple[float, Odometry]]) -> dict[int, np.ndarray]:
+def poses(received: list[tuple[float, Odometry]]) -> dict[int, np.ndarray]:
     """Return [x, y, theta] by stamp."""
     return {stamp_ns(message): np.array([
         message.pose.pose.position.x, message.pose.pose.position.y,
         2.0 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w)])
-        for _, message in list(heard)}
+        for _, message in list(received)}
 
 
 def distance(one: np.ndarray, other: np.ndarray) -> float:
@@ -142,7 +142,7 @@ def distance(one: np.ndarray, other: np.ndarray) -> float:
 def check_odometry(robot: Program, station: Program) -> None:
     """Check each odom since the start against the joint_states of its stamp, and the truth."""
     now_ns = stamp_ns(robot.heard['joint_states'][-1][1])
-    wait_until(lambda: all(stamp_ns(heard[-1][1]) > now_ns for heard in (
+    wait_until(lambda: all(stamp_ns(received[-1][1]) > now_ns for received in (
         robot.heard['odom'], robot.heard['ground_truth'], station.heard['odom'])))
     found, truth = poses(robot.heard['odom']), poses(robot.heard['ground_truth'])
     first_ns = min(found)
@@ -155,15 +155,15 @@ def check_odometry(robot: Program, station: Program) -> None:
     assert error < 1e-6
     from_truth = max(distance(found[ns], truth[ns]) for ns in joints)
     assert from_truth < 1e-3
-    heard = poses(station.heard['odom'])
-    assert max(distance(heard[ns], found[ns]) for ns in heard if ns in found) == 0.0
+    received = poses(station.heard['odom'])
+    assert max(distance(received[ns], found[ns]) for ns in received if ns in found) == 0.0
     x, y, theta = expected[max(expected)]
     print(f'{len(joints)} poses to {x:.3f} m, {y:.3f} m, {theta:.3f} rad: '
           f'{error:.1e} from the integral, {from_truth:.1e} from the truth')
 
 
 @pytest.mark.parametrize('cut', ['all frames are lost', 'the plugs are pulled'])
-def test_a_cut_link_stops_the_wheels_in_time_and_they_drive_on_when_it_is_back(
+def test_cut_link_stops_the_wheels_until_it_is_back(
         link: Hosts, robot: Program, station: Program, cut: str) -> None:
     """The station sends all the while; nothing is started anew."""
     before = timeouts_while_steady(robot)
@@ -177,7 +177,7 @@ def test_a_cut_link_stops_the_wheels_in_time_and_they_drive_on_when_it_is_back(
 
 
 @pytest.mark.parametrize('cut', ['all frames are lost', 'the plugs are pulled'])
-def test_what_a_cut_link_kept_back_is_not_driven_when_it_is_too_old(
+def test_late_commands_of_a_cut_link_are_not_driven(
         link: Hosts, robot: Program, station: Program, cut: str) -> None:
     """The driver let go meanwhile, without a zero; what is sent again then is of no use."""
     is_plug = cut == 'the plugs are pulled'
@@ -196,7 +196,7 @@ def test_what_a_cut_link_kept_back_is_not_driven_when_it_is_too_old(
     wait_until(lambda: is_driving(robot))
 
 
-def test_a_link_that_loses_a_fifth_of_its_packets_drives_on(
+def test_link_with_20_percent_loss_drives_on(
         link: Hosts, robot: Program, station: Program) -> None:
     """Commands come again before they time out, and a new one comes to the wheels."""
     before = timeouts(robot)
@@ -211,14 +211,14 @@ def test_a_link_that_loses_a_fifth_of_its_packets_drives_on(
     assert sum(sent) > 0.8 * len(sent)
     came = [at for at, _ in robot.heard['cmd_vel'] if at > lossy_at]
     longest = max(b - a for a, b in itertools.pairwise(came))
-    heard = [at for at, _ in station.heard['odom'] if at > lossy_at]
+    received = [at for at, _ in station.heard['odom'] if at > lossy_at]
     print(f'{len(came)} commands, at most {longest:.3f} s apart, {timeouts(robot) - before} '
           f'timeouts, wheels at zero {len(sent) - sum(sent)} times of {len(sent)}; odom at most '
-          f'{max(b - a for a, b in itertools.pairwise(heard)):.3f} s apart at the station')
+          f'{max(b - a for a, b in itertools.pairwise(received)):.3f} s apart at the station')
     check_stop(robot, link.set_cable(loss=1.0))
 
 
-def test_a_link_that_is_late_by_100_ms_drives_and_stops_in_time(
+def test_link_with_100_ms_latency_drives_and_stops(
         link: Hosts, robot: Program, station: Program) -> None:
     """A command's age counts from when it was sent; being late alone is no silence."""
     before = timeouts_while_steady(robot)
