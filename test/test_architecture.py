@@ -36,7 +36,7 @@ CORE = {
     'core.quaternion': set(),
     'core.cdr': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
                  'core.quaternion'},
-    'tools.log_messages': {'core.cdr', 'core.quaternion'},
+    'core.stamp_thinning': set(),
     # The judge of the odometry shares no code with it.
     'core.simulation': {'core.validation'},
     # What the dashboard decides, without ROS and without a browser.
@@ -70,24 +70,32 @@ OFFLINE = {
                                       'calibration.model'}, set()),
     'calibration.node_parameters': ({'core.kinematics', 'core.odometry_config',
                                      'calibration.end_pose', 'calibration.model'}, set()),
-    'tools.logs': ({'core.validation', 'core.wheel_feedback', 'tools.log_messages', 'core.cdr',
-                    'core.odometry', 'core.quaternion', 'core.replay'},
-                   {'rosbags'}),
-    'tools.parameter_file': ({'core.kinematics', 'core.odometry_config', 'core.parameter_specs'},
-                             {'yaml'}),
-    'tools.replay': (
-        {'core.evaluation', 'core.replay', 'tools.logs', 'tools.parameter_file', 'tools.plots'},
-        set()),
-    'tools.calibrate': (
-        {'core.validation', 'calibration.fit', 'calibration.model', 'tools.logs',
-         'calibration.end_pose', 'calibration.covariance', 'calibration.cross_validation',
-         'calibration.node_parameters', 'tools.parameter_file', 'tools.plots', 'tools.replay'},
-        {'rich', 'threadpoolctl'}),
+    'tools.bags': ({'core.validation', 'core.wheel_feedback', 'core.cdr', 'core.odometry_config',
+                    'core.quaternion', 'core.stamp_thinning'}, {'rosbags'}),
+    'tools.csv_logs': ({'core.validation', 'core.wheel_feedback', 'core.quaternion', 'tools.bags'},
+                       set()),
+    'tools.logs': ({'core.validation', 'core.wheel_feedback', 'core.replay', 'tools.bags',
+                    'tools.csv_logs'}, set()),
+    'tools.parameter_file': ({'core.kinematics', 'core.odometry_config', 'core.parameter_specs',
+                              'core.validation'}, {'yaml'}),
+    'tools.pool': ({'core.validation'}, {'rich', 'threadpoolctl'}),
+    'tools.command_line': ({'core.validation', 'tools.bags'}, set()),
+    'tools.reports': (
+        {'core.evaluation', 'core.kinematics', 'core.replay', 'calibration.covariance',
+         'calibration.cross_validation', 'calibration.end_pose', 'calibration.model',
+         'tools.parameter_file'}, set()),
     'tools.plots': (
-        # the types only
-        {'core.validation', 'core.evaluation', 'core.replay', 'calibration.cross_validation',
-         'calibration.model', 'tools.logs'},
-        {'matplotlib'}),
+        {'core.validation', 'core.se2', 'core.evaluation', 'core.replay', 'core.wheel_feedback',
+         'calibration.cross_validation', 'calibration.model'}, {'matplotlib'}),
+    'tools.replay': (
+        {'core.validation', 'core.evaluation', 'core.odometry_config', 'core.replay', 'tools.bags',
+         'tools.command_line', 'tools.csv_logs', 'tools.logs', 'tools.parameter_file',
+         'tools.plots', 'tools.reports'}, set()),
+    'tools.calibrate': (
+        {'core.validation', 'calibration.fit', 'calibration.end_pose', 'calibration.model',
+         'calibration.cross_validation', 'calibration.node_parameters', 'tools.bags',
+         'tools.command_line', 'tools.csv_logs', 'tools.logs', 'tools.parameter_file',
+         'tools.plots', 'tools.pool', 'tools.reports'}, {'rich'}),
 }
 
 

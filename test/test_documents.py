@@ -41,8 +41,8 @@ RUN_BY = {
     'ros2 topic': 'test/checks/ros2_cli.sh',
     'ros2 service call': 'test/checks/ros2_cli.sh',
     'source install/setup.bash': 'test/checks/ros2_cli.sh',
-    'calibrate ': 'test/tools/test_offline_tools.py',
-    'replay ': 'test/tools/test_offline_tools.py',
+    'calibrate ': 'test/tools/test_calibrate.py',
+    'replay ': 'test/tools/test_replay.py',
     'dashboard ': 'test/dashboard/test_server.py',
     'demo': 'test/demo/test_demo.py',
     'fastdds discovery': 'test/node/test_two_machines.py',
@@ -51,8 +51,8 @@ RUN_BY = {
     'python3 -m venv': '.ci/environment',
     'PYTHONPATH=test .venv/bin/python -m support.parameter_tables': 'test/test_documents.py',
     '.venv/bin/python test/support/optiodom.py': 'test/calibration/test_optiodom_calibration.py',
-    '../.venv/bin/calibrate ': 'test/tools/test_offline_tools.py',
-    'cat ': 'test/tools/test_offline_tools.py',
+    '../.venv/bin/calibrate ': 'test/tools/test_calibrate.py',
+    'cat ': 'test/tools/test_calibrate.py',
 }
 # Those that need a robot, root, a network or another package.
 NOT_RUN = (
@@ -199,9 +199,7 @@ def test_commands_are_run_by_a_test_or_named() -> None:
         assert not runner or (TOP / runner).exists(), runner
 
 
-@pytest.mark.parametrize('tool', [
-    pytest.param(tool, marks=pytest.mark.xfail(reason='options are renamed at present'))
-    if tool in ('calibrate', 'replay') else tool for tool in TOOLS])
+@pytest.mark.parametrize('tool', TOOLS)
 def test_documented_options_exist(tool: str) -> None:
     """Those after the tool's name in a command, before --ros-args."""
     used: dict[str, set[str]] = {}

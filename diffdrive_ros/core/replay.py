@@ -50,7 +50,8 @@ def replay(
     """
     Return the odometry that the node would publish, in detail at every so many samples.
 
-    reset_ns: the first sample at this time or later resets the covariance, not the pose.
+    reset_ns: the first sample at this time or later resets the covariance, not the pose. Raises
+    UserError for a step without a finite pose or covariance.
     """
     odometry = config.odometry()
     stamps: list[int] = []
@@ -59,7 +60,11 @@ def replay(
         if sample.time_reset_ns is not None:
             odometry.reset_time(sample.time_reset_ns)
         # As in the node, out-of-order and duplicate samples are dropped.
-        if not odometry.update(sample.left, sample.right, sample.stamp_ns):
+        try:
+            is_new = odometry.update(sample.left, sample.right, sample.stamp_ns)
+        except ValueError as error:
+            raise UserError(f'wheels at {sample.stamp_ns * 1e-9:.3f} s: {error}') from None
+        if not is_new:
             continue
         if reset_ns is not None and sample.stamp_ns >= reset_ns:
             odometry.reset(odometry.pose)

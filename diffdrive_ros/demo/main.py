@@ -153,7 +153,7 @@ def report(console: 'Console', driver: DriverNode, path: str, picture: Path) -> 
     for name, (value, bound, unit) in figures.items():
         table.add_row(name, f'{value:.3f} {unit}', f'{bound:.3f} {unit}')
     console.print(table)
-    plots.draw_tracks(picture, f'Demo: {path}, {length:.2f} m', seconds, odometry, truth)
+    plots.draw_trajectories(picture, f'Demo: {path}, {length:.2f} m', seconds, odometry, truth)
     console.print(f'Picture: {picture}', soft_wrap=True)
     for name, (value, bound, unit) in figures.items():
         if not value <= bound:

@@ -16,6 +16,7 @@ from diffdrive_ros.core.cdr import (
     WireError,
 )
 from diffdrive_ros.core.odometry_config import OdometryConfig
+from diffdrive_ros.core.stamp_thinning import StampThinning
 from diffdrive_ros.node.rclpy_internals import raw_publish
 from diffdrive_ros.node.throttled_warning import ThrottledWarning
 from nav_msgs.msg import Odometry as OdometryMessage
@@ -75,8 +76,7 @@ class OdomPublisher:
                 node.get_logger().info(
                     '/tf: tf2_msgs is not installed, no transform is published; install '
                     'tf2_msgs, or use the pose in odom')
-        self._period_ns = round(1e9 / config.publish_rate) if config.publish_rate else None
-        self._due_ns: int | None = None
+        self._thinning = StampThinning(config.publish_rate) if config.publish_rate else None
         if not config.open_loop:
             node.create_subscription(
                 JointState, 'joint_states', self.on_joint_states, FROM_ANY_DRIVER, raw=True,
@@ -118,7 +118,8 @@ class OdomPublisher:
         left, right, sample_ns, time_reset_ns = sample
         if time_reset_ns is not None:
             self.odometry.reset_time(time_reset_ns)
-            self._due_ns = None
+            if self._thinning is not None:
+                self._thinning.reset_time()
         try:
             is_new = self.odometry.update(left, right, sample_ns)
         except ValueError as error:  # a step that overflows, by its noise or geometry
@@ -127,7 +128,7 @@ class OdomPublisher:
         self.sampled_at = monotonic()
         if odom_ns is None:
             odom_ns = sample_ns
-        if is_new and (self._period_ns is None or self._is_due(odom_ns, self._period_ns)):
+        if is_new and (self._thinning is None or self._thinning.is_due(odom_ns)):
             estimate = self.odometry.estimate()
             self._publish(self._writer.write(odom_ns, estimate))
             if self._transforms is not None:
@@ -145,13 +146,3 @@ class OdomPublisher:
     def _reject(self, warning: str) -> None:
         self.feedback.reject(warning)
         self._warning.update(warning)
-
-    def _is_due(self, stamp_ns: int, period_ns: int) -> bool:
-        """Return whether odom is to be published for a timestamp."""
-        if (self._due_ns is None
-                or not self._due_ns - period_ns <= stamp_ns < self._due_ns + period_ns):
-            self._due_ns = stamp_ns  # at the start, after a gap, after the clock was set
-        if stamp_ns < self._due_ns:
-            return False
-        self._due_ns += period_ns
-        return True

@@ -1,15 +1,15 @@
 """
-The parameter file of the node odometry, read and written where there is no ROS.
+The parameter file of the odometry node, read and written without ROS.
 
-Names, types, rules and defaults are those of the node, by the one table of parameters.
+Names, types, rules and defaults are the node's, from the one table of parameters. Sections, their
+wildcards and scalars are read as rcl_yaml_param_parser and rclpy read them.
 """
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-import fnmatch
 import math
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, ClassVar
 
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry_config import OdometryConfig
@@ -22,26 +22,27 @@ from diffdrive_ros.core.parameter_specs import (
     ParameterError,
     RETIRED,
 )
+from diffdrive_ros.core.validation import UserError
 
-KEY = '/**/odometry'
+NODE_NAMES = ('odometry', 'diff_drive_controller')
 
-# A name that is no parameter, and as similar to one as this, is a mistake.
+# A name that is no parameter, and is as similar to one as this, is a mistake.
 SIMILAR = 0.8
 
-
-class ParameterFileError(ValueError):
-    """A parameter file cannot be used, for a reason that is said in one line."""
+_TRUE = ('Y', 'y', 'yes', 'Yes', 'YES', 'true', 'True', 'TRUE', 'on', 'On', 'ON')
+_FALSE = ('N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'Off', 'OFF')
 
 
 @dataclass(frozen=True)
 class RobotParameters:
-    """The parameters of a robot: as they stand in a file, and the configuration they make."""
+    """The parameters of a robot: as in a file, the configuration they make, the node's name."""
 
     values: Mapping[str, Any]
     config: OdometryConfig
+    node: str
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> 'RobotParameters':
+    def of(cls, values: Mapping[str, Any], node: str = f'/{NODE_NAMES[0]}') -> 'RobotParameters':
         """Return the parameters of a robot whose geometry is given; raises ParameterError."""
         known = {spec.name for spec in ODOMETRY}
         for name, value in values.items():
@@ -52,7 +53,9 @@ class RobotParameters:
                 raise ParameterError(name, repr(value), f'is no parameter; is it {near}?')
         if missing := missing_geometry(values):
             raise ParameterError(missing.name, '(not set)', missing.rule.text)
-        return cls(values, OdometryConfig.of(checked_values(ODOMETRY, values)))
+        config = OdometryConfig.of(
+            checked_values(ODOMETRY, values), node.rpartition('/')[0] or '/')
+        return cls(values, config, node)
 
     @property
     def nominal(self) -> DiffDrive:
@@ -61,47 +64,89 @@ class RobotParameters:
         return DiffDrive(self.values['wheel_separation'], radius, radius)
 
 
-def read(path: Path) -> RobotParameters:
-    """Return the parameters of the node in a file; raises ParameterFileError."""
-    try:
-        import yaml
-    except ImportError:
-        raise ParameterFileError(
-            f'{path}: yaml is needed to read it: pip install pyyaml') from None
+def read(path: Path, node: str | None = None) -> RobotParameters:
+    """
+    Return the parameters of a node in a file; raises UserError.
+
+    Without a node, the file has to have the section of one node of NODE_NAMES, or wildcards only.
+    """
+    import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """Numbers as rcl reads them: PyYAML takes 5e-6 for a text."""
+        """Scalars as rcl reads them: PyYAML reads 5e-6 and nan as strings."""
 
-    Loader.add_implicit_resolver(
-        'tag:yaml.org,2002:float',
-        re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'), list('-+.0123456789'))
+        yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
+
+    Loader.add_constructor('tag:yaml.org,2002:str', lambda loader, scalar: (
+        scalar.value if scalar.style else _scalar(scalar.value)))
     try:
         content = yaml.load(path.read_text(encoding='utf-8'), Loader)
-        return RobotParameters.of(_values(content))
-    except ParameterFileError as error:
-        raise ParameterFileError(f'{path}: {error}') from None
-    except (OSError, ValueError, TypeError, RecursionError, yaml.YAMLError) as error:
-        raise ParameterFileError(f'{path}: {" ".join(str(error).split())}') from None
+        if not isinstance(content, Mapping):
+            raise UserError('has no parameters: must be nodes with their ros__parameters')
+        sections = list(_sections(content))
+        name = _node([name for name, _ in sections], node)
+        values: dict[str, Any] = {}
+        for section, parameters in sections:  # the later one overrides, as in rclpy
+            if _matches(section, name):
+                values |= _flat(parameters)
+        return RobotParameters.of(values, name)
+    except (ValueError, TypeError, RecursionError, yaml.YAMLError) as error:
+        raise UserError(f'{path}: {" ".join(str(error).split())}') from None
 
 
-def _values(content: object) -> dict[str, Any]:
-    """Return the node's parameters of a file by their full names."""
-    if not isinstance(content, Mapping):
-        raise ParameterFileError('has no parameters: must be nodes with their ros__parameters')
-    values: dict[str, Any] = {}
-    # rcl's wildcards: * is one part of a name, ** any number of them.
-    nodes = [node for key, node in content.items() if fnmatch.fnmatchcase(
-        '/odometry', f'/{str(key).strip("/")}'.replace('/**', '*'))]
-    if not nodes:
-        raise ParameterFileError(
-            f'has no key that is the node /odometry, but {", ".join(map(str, content)) or "none"}')
-    for node in nodes:
-        parameters = node.get('ros__parameters') if isinstance(node, Mapping) else None
-        if not isinstance(parameters, Mapping):
-            raise ParameterFileError(
-                'the node has no ros__parameters with names and values: was it cut off?')
-        values |= _flat(parameters)
-    return values
+def _scalar(text: str) -> object:
+    """Return the value of a plain scalar, by rcl's order: bool, integer, double, string."""
+    if text in ('', '~', 'null'):
+        return None
+    if text in _TRUE or text in _FALSE:
+        return text in _TRUE
+    if re.fullmatch(r'[-+]?0[0-7]+', text):
+        return int(text, 8)
+    if re.fullmatch(r'[-+]?(0|[1-9][0-9]*|0[xX][0-9a-fA-F]+)', text):
+        return int(text, 0)
+    dotted = re.fullmatch(r'([-+]?)\.(inf|Inf|INF)|\.(nan|NaN|NAN)', text)
+    try:
+        return float(text.replace('.', '') if dotted else 'string' if '_' in text else text)
+    except ValueError:
+        return text
+
+
+def _sections(content: Mapping[Any, Any], name: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the full name of each node, wildcards included, and its parameters."""
+    for key, value in content.items():
+        if key == 'ros__parameters' and name and isinstance(value, Mapping):
+            yield name, value
+        elif key != 'ros__parameters' and isinstance(value, Mapping):
+            yield from _sections(value, f'{name}/{str(key).strip("/")}')
+        else:
+            raise UserError(
+                f'{name}/{key}: must be a node with ros__parameters of names and values: was the '
+                'file cut off?')
+
+
+def _matches(section: str, node: str) -> bool:
+    """Return whether a section is the node's: /* is one part of a name, /** any number."""
+    return re.fullmatch(section.replace('/*', r'(/\w+)'), node) is not None
+
+
+def _node(sections: list[str], wanted: str | None) -> str:
+    """Return the full name of the node whose parameters are wanted; raises UserError."""
+    named = sorted({section for section in sections if '*' not in section})
+    choices = [name for name in named if name.rpartition('/')[2] in NODE_NAMES]
+    if wanted is not None:
+        choices = ['/' + wanted.strip('/')]
+    elif not choices:
+        choices = [f'/{name}' for name in NODE_NAMES if any(
+            _matches(section, f'/{name}') for section in sections)][:1]
+    if len(choices) > 1:
+        raise UserError(
+            f'has the nodes {", ".join(choices)}: --node must name one of them')
+    if not choices or not any(_matches(section, choices[0]) for section in sections):
+        missing = choices[0] if choices else ' or '.join(f'/{name}' for name in NODE_NAMES)
+        raise UserError(
+            f'has no section of the node {missing}, but {", ".join(sections) or "none"}'
+            + '; --node names another node' * (wanted is None))
+    return choices[0]
 
 
 def _flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
@@ -115,18 +160,20 @@ def _flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
-def write(path: Path, values: Mapping[str, Any], comments: Mapping[str, str], head: str) -> None:
-    """Write parameters for the node, each with its comment; head is what the file says first."""
-    lines = [f'# {line}'.rstrip() for line in head.splitlines()]
-    lines += [f'{KEY}:', '  ros__parameters:']
-    for name, value in values.items():
+def write(
+    path: Path, robot: RobotParameters, comments: Mapping[str, str], header: str,
+) -> None:
+    """Write the parameters of a robot for its node, each with its comment, after a header."""
+    lines = [f'# {line}'.rstrip() for line in header.splitlines()]
+    lines += [f'/**/{robot.node.rpartition("/")[2]}:', '  ros__parameters:']
+    for name, value in robot.values.items():
         comment = f'  # {comments[name]}' if name in comments else ''
         lines.append(f'    {name}: {_text(value)}{comment}')
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
 
 
 def _text(value: object) -> str:
-    """Return a value such that YAML reads it back with its type: a double keeps its point."""
+    """Return a value as YAML of the same type: a double keeps its point."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):

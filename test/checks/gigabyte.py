@@ -55,8 +55,8 @@ def main() -> int:
             '/**:\n  ros__parameters:\n    wheel_separation: 0.3\n    wheel_radius: 0.05\n')
         start = time.monotonic()
         subprocess.run(
-            [sys.executable, '-m', 'diffdrive_ros.tools.replay', bag, '--params', params,
-             '--reference', 'odom', '--output', Path(folder) / 'out.tum'], check=True)
+            [sys.executable, '-m', 'diffdrive_ros.tools.replay', bag, '--params-file', params,
+             '--reference-topic', 'odom', '--output', Path(folder) / 'out.tum'], check=True)
         took = time.monotonic() - start
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     rate = options.seconds * RATE / took

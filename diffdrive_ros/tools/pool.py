@@ -1,0 +1,57 @@
+"""A pool of processes with a progress bar."""
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed, Future, ProcessPoolExecutor
+import os
+import signal
+from typing import TypeVar
+
+from diffdrive_ros.core.validation import UserError
+
+OutT = TypeVar('OutT')
+
+
+def map_on_cores(
+    label: str, function: Callable[..., OutT], tasks: Sequence[tuple[object, ...]],
+) -> list[OutT | UserError]:
+    """
+    Return what the function returns for each task, or the UserError that it raises.
+
+    Any other exception is raised here, Ctrl-C too: what has not begun is cancelled then.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    def result(future: Future[OutT]) -> OutT | UserError:
+        try:
+            return future.result()
+        except UserError as error:
+            return error
+
+    console = Console(stderr=True)
+    workers = max(1, min(len(tasks), os.cpu_count() or 1))
+    with ProcessPoolExecutor(workers, initializer=_begin_worker) as pool, Progress(
+            console=console, transient=True, disable=not console.is_terminal) as progress:
+        futures = [pool.submit(function, *task) for task in tasks]
+        try:
+            for _ in progress.track(
+                    as_completed(futures), description=label, total=len(futures)):
+                pass
+            return [result(future) for future in futures]
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the parent, and the other cores to the other workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    limit_threads()
+
+
+def limit_threads() -> None:
+    """Run linear algebra in one thread: matrices as small as these gain nothing from more."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:  # no distribution of ROS has it; it takes several times as long
+        return
+    threadpool_limits(1)
