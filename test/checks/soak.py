@@ -30,7 +30,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from support.damaged_drive import DamagedDrive, Expected, PARAMETERS
+from support.faulty_run import Expected, FaultyRun, PARAMETERS
 from support.station import (
     DEEP,
     GEOMETRY,
@@ -81,7 +81,7 @@ class Soak:
         self._command_at, self._commanded_at = 0.0, math.inf
         self._stands_from, self._stands_until = math.inf, -math.inf
         self._multiplier = 1.0
-        self.drive = DamagedDrive(self._send, round(1e9 / RATE), seed)
+        self.drive = FaultyRun(self._send, round(1e9 / RATE), seed)
         self._expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
         self._checked = 0
         self.faults_of_commands: dict[str, Callable[[], None]] = {
@@ -125,7 +125,7 @@ class Soak:
                 sizes.append(((now - started) / 60.0, resident(self.pid)))
                 self.check_odometry()
             else:
-                self.drive.an_ordinary_sample()
+                self.drive.ordinary_sample()
             if now > started + 60.0 * minute:
                 self.check_counters()
                 grown = growth(sizes, minutes)
@@ -262,7 +262,7 @@ class Soak:
         """Send wheel messages, and no commands."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            self.drive.an_ordinary_sample()
+            self.drive.ordinary_sample()
             time.sleep(1.0 / RATE)
 
     def _demand_stop(self, after: str) -> None:

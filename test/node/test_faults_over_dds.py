@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from support.damaged_drive import DamagedDrive, Expected, NAMES, PARAMETERS
+from support.faulty_run import Expected, FaultyRun, NAMES, PARAMETERS
 from support.station import (
     GEOMETRY,
     LEFT_RADIUS,
@@ -40,7 +40,7 @@ class Robot:
         self.station = station
         self.odometry = station.hear(Odometry, 'odom')
         self.diagnostics = station.hear(DiagnosticArray, '/diagnostics')
-        self.drive = DamagedDrive(self.say)
+        self.drive = FaultyRun(self.say)
         self.expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
 
     def begin(self) -> None:
@@ -110,14 +110,14 @@ def robot(domain_of_module: int) -> Iterator[Robot]:
         process.close()
 
 
-@pytest.mark.parametrize('fault', DamagedDrive.FAULTS)
+@pytest.mark.parametrize('fault', FaultyRun.FAULTS)
 def test_poses_match_the_undamaged_run_but_for_known_loss(
         robot: Robot, fault: str) -> None:
     """On the way through the fault, three times, and after it."""
     for _ in range(3):
         getattr(robot.drive, fault)()
         for _ in range(4):
-            robot.drive.an_ordinary_sample()
+            robot.drive.ordinary_sample()
     robot.judge()
 
 
@@ -135,7 +135,7 @@ class Mixture(RuleBasedStateMachine):
         assert answer.success
         robot.expected.reset()
 
-    @rule(fault=st.sampled_from(DamagedDrive.FAULTS))
+    @rule(fault=st.sampled_from(FaultyRun.FAULTS))
     def suffer(self, fault: str) -> None:
         """Let a fault happen."""
         getattr(self.robot.drive, fault)()
@@ -160,7 +160,7 @@ def test_poses_are_right_through_any_mixture_of_faults(robot: Robot) -> None:
 
 def test_faults_are_counted(robot: Robot) -> None:
     """By the words in which diagnostics say it."""
-    for fault in DamagedDrive.FAULTS:
+    for fault in FaultyRun.FAULTS:
         getattr(robot.drive, fault)()
     robot.judge()
     assert robot.counted() == dict(robot.drive.counts)
@@ -207,7 +207,7 @@ def test_missing_positions_and_silent_encoders_warn_once(
     assert (position.x, position.y) == (0.0, 0.0)
 
     def drive_on() -> None:
-        robot.drive.an_ordinary_sample()
+        robot.drive.ordinary_sample()
         robot.station.say('cmd_vel', twist(0.2, 0.1))
 
     wait_until(lambda: (wheels and wheels[-1][1].velocity[0]) or drive_on(), pause=0.02)
@@ -215,7 +215,7 @@ def test_missing_positions_and_silent_encoders_warn_once(
     wait_until(lambda: list(wheels[-1][1].velocity) == [0.0, 0.0])
     assert 0.3 < time.monotonic() - silent_at < 0.7
     wait_until(lambda: robot.feedback.level == DiagnosticStatus.ERROR)
-    robot.drive.silence_while_it_drives()
+    robot.drive.pause_in_motion()
     robot.judge()
     wait_until(lambda: robot.feedback.level == DiagnosticStatus.OK)
     process.signal(signal.SIGINT)
