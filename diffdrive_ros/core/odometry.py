@@ -407,7 +407,7 @@ class Odometry:
         """
         Return the covariance of the pose in the odom frame, (3, 3), order x, y, theta.
 
-        The sum of that by the noise and S diag(deviations^2) S^T, S = geometry_sensitivity.
+        The sum of that by the noise and S diag(deviations^2) S^T, S its sensitivity.
         """
         _, covariance, _, _ = self.estimate()
         return _matrix(covariance)
@@ -472,18 +472,6 @@ class Odometry:
             (square * along + MIN_TWIST_VARIANCE, 0.0, square * cross,
              square * sideways + MIN_TWIST_VARIANCE, 0.0,
              square * turning + MIN_TWIST_VARIANCE))
-
-    @property
-    def geometry_sensitivity(self) -> Array:
-        """
-        Return the derivative of the pose by the geometry since the last reset, (3, 3).
-
-        Rows: x, y, theta. Columns: wheel_separation, left_wheel_radius, right_wheel_radius [m].
-        Raises ValueError without a geometry_uncertainty, because it is not computed then.
-        """
-        if self._is_exact:
-            raise ValueError('geometry_sensitivity: needs a geometry_uncertainty, which is 0')
-        return np.reshape(self._sensitivity, (3, 3)).T
 
 
 def _matrix(covariance: Triangle) -> Array:

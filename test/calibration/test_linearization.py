@@ -5,6 +5,7 @@ from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, Odometry
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
+from support.sensitivity import geometry_sensitivity
 from support.strategies import drives, metres, poses
 
 NOISE = WheelNoise(3e-5, 7e-5, 2e-4)
@@ -35,7 +36,7 @@ def test_linearize_whole_run_agrees_with_odometry(drive, steps, start):
     linear = linearize(drive, left, right, start)
     size = 1.0 + np.abs(linear.poses).max()
     assert linear.poses[-1] == pytest.approx(odometry.pose, abs=1e-12 * size)
-    sensitivity = uncertain.geometry_sensitivity
+    sensitivity = geometry_sensitivity(uncertain)
     assert linear.by_geometry[-1] == pytest.approx(
         sensitivity, abs=1e-11 * size * (1.0 + np.abs(sensitivity).max()))
     # Both contain the least covariance of the start pose.
