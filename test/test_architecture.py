@@ -1,7 +1,10 @@
-"""The core stands on numpy alone, and its modules on each other in one direction."""
+"""The arrows between the folders of the package, as doc/architecture.md draws them."""
 import ast
+from collections.abc import Iterable, Iterator
+from graphlib import TopologicalSorter
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -9,118 +12,41 @@ import diffdrive_ros
 import pytest
 
 PACKAGE = Path(diffdrive_ros.__file__).parent
+ROS = re.compile(
+    r'(rcl|ros(?!bags)|ament|tf2|builtin_interfaces|unique_identifier|.*_(msgs|srvs)$)')
 
-# What each module of the core may stand on, besides numpy and the standard library.
-CORE = {
-    'core.validation': set(),
-    'core.se2': {'core.validation'},
-    'core.kinematics': {'core.validation', 'core.se2'},
-    'core.odometry': {'core.validation', 'core.se2', 'core.kinematics'},
-    'calibration.linearization': {'core.validation', 'core.se2', 'core.kinematics',
-                                  'core.odometry'},
-    'calibration.end_pose': {'core.validation', 'core.se2', 'core.kinematics',
-                             'calibration.linearization'},
-    'core.evaluation': {'core.validation', 'core.se2'},
-    'core.replay': {'core.validation', 'core.se2', 'core.evaluation', 'core.odometry_config',
-                    'core.wheel_feedback'},
-    'core.wheel_feedback': {'core.validation', 'core.se2', 'core.kinematics'},
-    'node.throttled_warning': set(),
-    'node.nonblocking_output': set(),
-    'core.lateness': set(),
-    'core.axis_limits': {'core.validation'},
-    'core.wheel_commander': {'core.validation', 'core.se2', 'core.kinematics', 'core.axis_limits'},
-    'core.parameter_specs': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry'},
-    'core.odometry_config': {
-        'core.validation', 'core.se2', 'core.kinematics', 'core.odometry', 'core.wheel_feedback',
-        'core.axis_limits', 'core.parameter_specs', 'core.wheel_commander'},
-    'core.quaternion': set(),
-    'core.cdr': {'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
-                 'core.quaternion'},
-    'core.stamp_thinning': set(),
-    # The judge of the odometry shares no code with it.
-    'core.simulation': {'core.validation'},
-    # What the dashboard decides, without ROS and without a browser.
-    'node.clock': set(),
-    'dashboard.teleop': set(),
-    'dashboard.trajectory': set(),
-    'dashboard.equations': {'core.validation', 'core.se2', 'core.kinematics'},
-    'dashboard.access_control': set(),
+# Folder: the folders and the third parties that it may import; 'ros' is every package of ROS.
+ARROWS = {
+    '': ({'core'}, set()),
+    'core': (set(), {'numpy'}),
+    'node': ({'core'}, {'numpy', 'ros'}),
+    'calibration': ({'core'}, {'numpy', 'scipy'}),
+    'tools': ({'calibration', 'core'}, {
+        'matplotlib', 'numpy', 'rich', 'rosbags', 'threadpoolctl', 'yaml'}),
+    'dashboard': ({'node', 'core'}, {'fastapi', 'nicegui', 'numpy', 'ros', 'starlette'}),
+    'demo': ({'node', 'tools', 'core'}, {'numpy', 'rich', 'ros'}),
 }
-# The tools for logs, which may need these besides; the core may need none of it.
-OFFLINE = {
-    'calibration.model': ({'core.validation', 'core.kinematics', 'core.odometry', 'core.replay',
-                           'core.wheel_feedback'}, set()),
-    'calibration.covariance': ({'core.validation', 'calibration.linearization'}, {'scipy'}),
-    'calibration.residuals': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
-                               'calibration.model', 'calibration.linearization',
-                               'calibration.covariance'}, set()),
-    'calibration.initial_guess': ({'core.validation', 'core.se2', 'core.kinematics',
-                                   'core.odometry', 'calibration.model',
-                                   'calibration.residuals'}, {'scipy'}),
-    'calibration.likelihood': ({'core.validation', 'calibration.covariance',
-                                'calibration.residuals'}, {'scipy'}),
-    'calibration.outliers': ({'calibration.covariance', 'calibration.likelihood',
-                              'calibration.model', 'calibration.residuals'}, {'scipy'}),
-    'calibration.fit': ({'core.validation', 'core.se2', 'core.kinematics', 'core.odometry',
-                         'calibration.initial_guess', 'calibration.covariance',
-                         'calibration.likelihood', 'calibration.model', 'calibration.outliers',
-                         'calibration.residuals'}, set()),
-    'calibration.cross_validation': ({'core.validation', 'core.kinematics', 'core.replay',
-                                      'core.odometry_config', 'calibration.fit',
-                                      'calibration.model'}, set()),
-    'calibration.node_parameters': ({'core.kinematics', 'core.odometry_config',
-                                     'calibration.end_pose', 'calibration.model'}, set()),
-    'tools.bags': ({'core.validation', 'core.wheel_feedback', 'core.cdr', 'core.odometry_config',
-                    'core.quaternion', 'core.stamp_thinning'}, {'rosbags'}),
-    'tools.csv_logs': ({'core.validation', 'core.wheel_feedback', 'core.quaternion', 'tools.bags'},
-                       set()),
-    'tools.logs': ({'core.validation', 'core.wheel_feedback', 'core.replay', 'tools.bags',
-                    'tools.csv_logs'}, set()),
-    'tools.parameter_file': ({'core.kinematics', 'core.odometry_config', 'core.parameter_specs',
-                              'core.validation'}, {'yaml'}),
-    'tools.pool': ({'core.validation'}, {'rich', 'threadpoolctl'}),
-    'tools.command_line': ({'core.validation', 'tools.bags'}, set()),
-    'tools.reports': (
-        {'core.evaluation', 'core.kinematics', 'core.replay', 'calibration.covariance',
-         'calibration.cross_validation', 'calibration.end_pose', 'calibration.model',
-         'tools.parameter_file'}, set()),
-    'tools.plots': (
-        {'core.validation', 'core.se2', 'core.evaluation', 'core.replay', 'core.wheel_feedback',
-         'calibration.cross_validation', 'calibration.model'}, {'matplotlib'}),
-    'tools.replay': (
-        {'core.validation', 'core.evaluation', 'core.odometry_config', 'core.replay', 'tools.bags',
-         'tools.command_line', 'tools.csv_logs', 'tools.logs', 'tools.parameter_file',
-         'tools.plots', 'tools.reports'}, set()),
-    'tools.calibrate': (
-        {'core.validation', 'calibration.fit', 'calibration.end_pose', 'calibration.model',
-         'calibration.cross_validation', 'calibration.node_parameters', 'tools.bags',
-         'tools.command_line', 'tools.csv_logs', 'tools.logs', 'tools.parameter_file',
-         'tools.plots', 'tools.pool', 'tools.reports'}, {'rich'}),
-}
+# Of the standard library, what has a clock, a file or a process.
+NOT_IN_CORE = {'asyncio', 'datetime', 'io', 'os', 'pathlib', 'socket', 'subprocess', 'time'}
 
+LONGEST = 400  # lines
+# Online and batch odometry share their steps.
+MAY_BE_LONGER = {'core.odometry'}
 
-def file_of(module):
-    """Return the file of a module of the package."""
-    return PACKAGE.joinpath(*module.split('.')).with_suffix('.py')
+FILES = {
+    '.'.join(path.relative_to(PACKAGE).with_suffix('').parts): path
+    for path in sorted(PACKAGE.rglob('*.py'))}
 
-
-def own_of(names):
-    """Return the modules of the package among the names of imports."""
-    return {'.'.join(name.split('.')[1:3]) for name in names if name.startswith('diffdrive_ros.')}
-
-
-MODULES = [name for name in CORE if file_of(name).exists()]
-
-WITHOUT_ROS = """
+BLOCK_ROS = f"""
 import importlib, re, sys
 
-ROS = re.compile(r'(rcl|ros|ament|tf2|builtin_interfaces|unique_identifier|.*_(msgs|srvs)$)')
+ROS = re.compile({ROS.pattern!r})
 
 
 class NoRos:
     def find_spec(self, name, path=None, target=None):
         if ROS.match(name.partition('.')[0]):
-            raise ModuleNotFoundError(f'{name} is not to be had here')
+            raise ModuleNotFoundError(f'{{name}} is blocked')
 
 
 sys.meta_path.insert(0, NoRos())
@@ -128,24 +54,23 @@ for name in 'rclpy', 'builtin_interfaces.msg', 'rcl_interfaces.msg', 'sensor_msg
     try:
         importlib.import_module(name)
     except ModuleNotFoundError as error:
-        assert str(error).endswith('not to be had here')
+        assert str(error).endswith('is blocked')
     else:
-        raise AssertionError(f'{name} could be imported after all')
+        raise AssertionError(f'{{name}} is not blocked')
 """
 
 DRIVE_A_CIRCLE = """
 from math import pi
 
+from diffdrive_ros import DiffDrive, Odometry
 from diffdrive_ros.core.wheel_commander import WheelCommander
 from diffdrive_ros.core.wheel_feedback import WheelFeedback
-from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.odometry import Odometry
 
 drive = DiffDrive(0.317, 0.0471, 0.0533)
-path, odometry = WheelCommander(drive, timeout=0.5), Odometry(drive)
+commander, odometry = WheelCommander(drive, timeout=0.5), Odometry(drive)
 feedback = WheelFeedback(left_names=['l'], right_names=['r'])
-path.accept(2.0 * pi, 2.0 * pi, 0)
-sent = path.step(0)
+commander.accept(2.0 * pi, 2.0 * pi, 0)
+sent = commander.step(0)
 for tenths in range(11):
     angles = [sent.left * tenths / 10.0, sent.right * tenths / 10.0]
     sample = feedback.update(['l', 'r'], angles, [], tenths * 10**8)
@@ -154,48 +79,69 @@ print(*odometry.pose.round(9) + 0.0)
 """
 
 
-def run_without_ros(code):
-    """Run code in a Python where nothing of ROS can be imported; return what it prints."""
-    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get('PYTHONPATH')]))
-    return subprocess.run(
-        [sys.executable, '-c', WITHOUT_ROS + code], check=True, timeout=60, text=True,
-        stdout=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': path}).stdout
-
-
-def imports_of(module):
-    """Return the full names of what a module of the package imports, wherever it does so."""
-    names = set()
-    for node in ast.walk(ast.parse(file_of(module).read_text(encoding='utf-8'))):
+def imports(module: str) -> Iterator[str]:
+    """Yield the full name of each import in a module, inside functions and TYPE_CHECKING too."""
+    for node in ast.walk(ast.parse(FILES[module].read_text(encoding='utf-8'))):
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            origin = '.'.join(filter(None, ['diffdrive_ros' * bool(node.level), node.module]))
-            names |= {f'{origin}.{alias.name}' for alias in node.names}
-    return names
+            assert not node.level, 'imports are absolute'
+            yield from (f'{node.module}.{alias.name}' for alias in node.names)
 
 
-def test_the_core_drives_a_circle_where_ros_cannot_be_imported():
-    code = ''.join(f'import diffdrive_ros.{module}\n' for module in MODULES) + DRIVE_A_CIRCLE
-    assert run_without_ros(code).split() == ['0.0', '0.0', '6.283185307']
+def own_modules(names: Iterable[str]) -> set[str]:
+    """Return the modules of the package among the names of imports."""
+    inside = [name.partition('.')[2] for name in names if name.startswith('diffdrive_ros.')]
+    return {name if name in FILES else name.rpartition('.')[0] for name in inside}
 
 
-@pytest.mark.parametrize('module', MODULES)
-def test_arrows_between_the_modules_go_one_way(module):
-    own = own_of(imports_of(module))
-    assert own <= CORE[module]
+def folder_of(module: str) -> str:
+    """Return the folder of a module, '' for the package itself."""
+    return module.rpartition('.')[0]
 
 
-@pytest.mark.parametrize('module', OFFLINE)
-def test_the_tools_for_logs_stand_on_the_core_and_need_no_ros(module):
-    imports = imports_of(module)
-    own = own_of(imports)
-    others = {name.partition('.')[0] for name in imports} - {'diffdrive_ros'}
-    may_stand_on, may_need = OFFLINE[module]
-    assert own <= may_stand_on
-    assert others <= {'numpy', *sys.stdlib_module_names} | may_need
+@pytest.mark.parametrize('module', FILES)
+def test_module_imports_only_what_its_folder_may(module: str) -> None:
+    folders, third_parties = ARROWS[folder_of(module)]
+    names = list(imports(module))
+    used = {folder_of(own) for own in own_modules(names)}
+    assert used - {folder_of(module)} <= folders
+    packages = {name.partition('.')[0] for name in names} - {'diffdrive_ros'}
+    others = packages - set(sys.stdlib_module_names)
+    assert {'ros' if ROS.match(name) else name for name in others} <= third_parties
+    if folder_of(module) == 'core':
+        assert not packages & NOT_IN_CORE
 
 
-@pytest.mark.parametrize('module', MODULES)
-def test_the_core_needs_numpy_and_nothing_else(module):
-    others = {name.partition('.')[0] for name in imports_of(module)} - {'diffdrive_ros'}
-    assert others <= {'numpy', *sys.stdlib_module_names}
+def test_modules_have_no_import_circle() -> None:
+    graph = {module: own_modules(imports(module)) for module in FILES}
+    assert len(list(TopologicalSorter(graph).static_order())) >= len(FILES)
+
+
+def test_simulation_shares_no_code_with_odometry() -> None:
+    assert own_modules(imports('core.simulation')) == {'core.validation'}
+
+
+@pytest.mark.parametrize('module', FILES)
+def test_file_is_short_enough_to_read(module: str) -> None:
+    lines = len(FILES[module].read_text(encoding='utf-8').splitlines())
+    assert lines <= LONGEST or module in MAY_BE_LONGER
+
+
+def test_core_and_tools_import_where_ros_is_blocked() -> None:
+    modules = [module for module in FILES
+               if folder_of(module) in ('core', 'calibration', 'tools')]
+    code = ''.join(f'import diffdrive_ros.{module}\n' for module in modules)
+    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get('PYTHONPATH')]))
+    output = subprocess.run(
+        [sys.executable, '-c', BLOCK_ROS + code + DRIVE_A_CIRCLE], check=True, timeout=60,
+        text=True, stdout=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': path}).stdout
+    assert output.split() == ['0.0', '0.0', '6.283185307']
+
+
+def test_public_names_are_all_that_the_package_exports() -> None:
+    for name in diffdrive_ros.__all__:
+        assert hasattr(diffdrive_ros, name)
+    public = {name for name in vars(diffdrive_ros) if not name.startswith('_')}
+    folders = {folder for folder in ARROWS if folder}
+    assert public - folders == set(diffdrive_ros.__all__)
