@@ -36,7 +36,7 @@ for _ in range(os.getppid() % 101):
 # No distribution has rosbags: where pip has not brought it, what needs it is left out.
 collect_ignore = [] if find_spec('rosbags') or os.environ.get('CI') else [
     f'tools/test_{name}.py' for name in (
-        'bags', 'calibrate', 'pool', 'replay', 'replay_like_node')]
+        'bags', 'calibrate', 'pool', 'replay_like_node', 'replay_tool')]
 
 
 @contextmanager

@@ -42,7 +42,7 @@ RUN_BY = {
     'ros2 service call': 'test/checks/ros2_cli.sh',
     'source install/setup.bash': 'test/checks/ros2_cli.sh',
     'calibrate ': 'test/tools/test_calibrate.py',
-    'replay ': 'test/tools/test_replay.py',
+    'replay ': 'test/tools/test_replay_tool.py',
     'dashboard ': 'test/dashboard/test_server.py',
     'demo': 'test/demo/test_demo.py',
     'fastdds discovery': 'test/node/test_two_machines.py',

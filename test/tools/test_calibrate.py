@@ -185,5 +185,5 @@ def test_line_and_turn_has_no_std_and_rejects_implausible(capsys):
             SystemExit, match=r'wheel_separation = .* must be 0.5 to 2 times .* in degrees'):
         calibrate.main([*line, '1.6', '0.033'])
     line[1:3] = ['0', '0']
-    with pytest.raises(SystemExit, match='did the wheels turn'):
+    with pytest.raises(SystemExit, match='line, turn: must determine the geometry'):
         calibrate.main([*line, '0.16', '0.033'])
