@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # replay does without scipy
 # Headings of a reference that are noisier than this carry no information [rad].
 UNUSABLE_HEADING_STD_RAD = 0.3
 
-ALIGNMENTS = {'start': 'first pose', 'path': 'whole path', 'none': 'none'}
+ALIGNMENT_LABELS = {'start': 'first pose', 'path': 'whole path', 'none': 'none'}
 
 
 # Replay
@@ -25,7 +25,7 @@ def replay_table(columns: Mapping[str, Evaluation], alignment: str) -> str:
     """Return the figures as lines of text, one column per replay."""
     first, figures = next(iter(columns.values())), list(columns.values())
     rows = [
-        ('alignment', [ALIGNMENTS[alignment]] * len(columns)),
+        ('alignment', [ALIGNMENT_LABELS[alignment]] * len(columns)),
         ('path length [m]', [f'{each.length:.3f}' for each in figures]),
         ('final position error [m]', [f'{each.final_position:.4f}' for each in figures]),
         ('final heading error [rad]', [f'{each.final_heading:.4f}' for each in figures]),

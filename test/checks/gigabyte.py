@@ -1,5 +1,5 @@
 """
-How fast and in how much memory is a large bag replayed? Run as a script: figures, and 1 for a no.
+Measure speed and memory of replay on a large bag; exit with 1 below the limits.
 
 Writes a bag of a gigabyte, wheels and reference at 200 Hz among images, and replays it.
 """
@@ -15,13 +15,13 @@ import numpy as np
 from support import bags
 
 RATE = 200
-MESSAGES_A_SECOND = 20_000  # of the wheels, at least
-TIMES_REAL_TIME = 50
-MEGABYTES = 500
+MIN_MESSAGES_PER_S = 20_000  # of the wheels
+MIN_TIMES_REAL_TIME = 50
+MAX_MEGABYTES = 500
 
 
 def messages(seconds: float, size: int):
-    """Yield wheels and reference of a robot on a circle, and images that add up to a size."""
+    """Yield joint states and a reference, and images of a total size [bytes]."""
     count = int(seconds * RATE)
     images = max(1, size // 1_000_000)
     every = max(1, count // images)
@@ -39,10 +39,10 @@ def messages(seconds: float, size: int):
 
 
 def main() -> int:
-    """Print the figures; return 0 if they are good."""
+    """Print the figures; return 0 within the limits."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--gigabytes', type=float, default=1.0)
-    parser.add_argument('--seconds', type=float, default=500.0, help='that the bag lasts')
+    parser.add_argument('--seconds', type=float, default=500.0, help='duration of the bag')
     parser.add_argument('--storage', choices=bags.PLUGINS, default='mcap')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -66,8 +66,8 @@ def main() -> int:
     print(f'{size / 1e9:.2f} GB of {options.seconds:g} s in {took:.2f} s ({used:.2f} s of one '
           f'core): {rate:.0f} wheel messages a second, {times:.0f} times real time, '
           f'{megabytes:.0f} MB')
-    good = (rate >= MESSAGES_A_SECOND and times > TIMES_REAL_TIME
-            and megabytes < MEGABYTES)
+    good = (rate >= MIN_MESSAGES_PER_S and times > MIN_TIMES_REAL_TIME
+            and megabytes < MAX_MEGABYTES)
     return 0 if good else 1
 
 

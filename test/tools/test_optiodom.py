@@ -1,5 +1,5 @@
 """
-A real robot's wheels through the node, judged by motion capture.
+The odometry of the node for a real robot's wheels, against motion capture.
 
 OptiOdom (Sousa et al., doi 10.1007/s10846-022-01630-3) recorded a two-wheeled robot, nominally
 with wheels of 84 mm diameter, 200 mm apart, and encoders of 2796.8 ticks a turn.
@@ -34,7 +34,7 @@ def read(run: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def last_pose(station: Station, robot: str, heard: list, run: Path) -> list[float]:
-    """Play a run to a node, and return the pose that it comes to."""
+    """Publish a run to a node, and return its final pose."""
     stamps, left, right, _ = read(run)
     topic = f'/{robot}/joint_states'
     # The robot stands while the connection is made: the same angles, before the start.
@@ -55,7 +55,7 @@ def last_pose(station: Station, robot: str, heard: list, run: Path) -> list[floa
     ('square/231220200040', 0.0804),
     ('circular/231220200121', 0.1074),
 ])
-def test_the_last_pose_of_each_run_is_the_integral_of_its_ticks_and_as_near_as_known_to_the_truth(
+def test_node_integrates_ticks_with_the_known_final_error(
         station: Station, start: Callable[..., Process], recordings: str, median_error: float,
 ) -> None:
     """Median of the final position errors, with the nominal geometry, to 0.1 mm."""
