@@ -23,7 +23,7 @@ class Inhibit(str, Enum):
     CLOCK_STALL = 'clock_stall'
 
 
-REASONS = {  # for a person to read
+REASONS = {  # as text, for people
     Inhibit.DISABLED: 'disabled by ~/enable',
     Inhibit.FEEDBACK_TIMEOUT: 'no usable joint_states',
     Inhibit.CLOCK_STALL: '/clock stands still',
@@ -80,7 +80,7 @@ class WheelCommander:
         self._seconds = self.period  # of the last step
         self._target_until_ns = -math.inf  # the target of the last step
         self._applied = self._applied_before = STOP
-        self._complaint = ''
+        self._stop_reason = ''
 
     @property
     def started(self) -> bool:
@@ -88,9 +88,9 @@ class WheelCommander:
         return self._received_ns is not None
 
     @property
-    def complaint(self) -> str:
+    def stop_reason(self) -> str:
         """Return why the wheels are stopped, as text; '' if they are not."""
-        return ', '.join(REASONS[each] for each in sorted(self.inhibits)) or self._complaint
+        return ', '.join(REASONS[each] for each in sorted(self.inhibits)) or self._stop_reason
 
     def inhibit(self, inhibit: Inhibit, is_active: bool) -> None:
         """Begin an inhibit, which discards the last command, or end it."""
@@ -115,15 +115,16 @@ class WheelCommander:
         elif self.timeout and abs(late_ns) > self.timeout * 1e9 and (linear or angular):
             self._count('late')
             if not (self._linear or self._angular):
-                self._complaint = (f'commands come {abs(late_ns) * 1e-9:.1f} s '
-                                   f'{"late" if late_ns > 0 else "early"}, or by another clock')
+                self._stop_reason = (
+                    f'commands are {abs(late_ns) * 1e-9:.1f} s '
+                    f'{"late" if late_ns > 0 else "early"}: delay, or clock offset of the sender')
         elif self.inhibits:
             self._received_ns = now_ns
             self._count('inhibited')
             self._stop('')
         else:
             self._received_ns = now_ns - max(late_ns, 0)
-            self._linear, self._angular, self._complaint = linear, angular, ''
+            self._linear, self._angular, self._stop_reason = linear, angular, ''
 
     def step(self, now_ns: int) -> WheelCommand:
         """Return the current wheel command; limits apply to the time since the last step."""
@@ -148,8 +149,8 @@ class WheelCommander:
             self._applied_before, self._seconds = last, seconds
         return self._applied
 
-    def forget_time(self) -> None:
-        """Start with a new clock; a command before is discarded."""
+    def reset_clock(self) -> None:
+        """Continue with a new clock, and discard the last command."""
         self._stepped_ns = None
         self._stop('the clock was changed')
 
@@ -209,9 +210,9 @@ class WheelCommander:
             return bool(
                 np.isfinite(speeds).all() and np.isfinite(self.drive.body_twist(*speeds)).all())
 
-    def _stop(self, complaint: str) -> None:
+    def _stop(self, reason: str) -> None:
         self._linear = self._angular = 0.0
-        self._complaint = complaint
+        self._stop_reason = reason
 
     def _count(self, event: str) -> None:
         self.counts[event] += 1

@@ -171,7 +171,7 @@ class CommandLoop:
         self._start()
         self._on_inhibit()
         response.success = True
-        inhibits = self._commander.complaint if self._commander.inhibits else ''
+        inhibits = self._commander.stop_reason if self._commander.inhibits else ''
         response.message = (
             f'the wheels are inhibited: {inhibits}' if inhibits else 'the next command is driven')
         return response
@@ -201,12 +201,12 @@ class CommandLoop:
                 self._applied.twist.linear.x = self._sent.linear
                 self._applied.twist.angular.z = self._sent.angular
                 self._applied_publisher.publish(self._applied)
-        self._warning.update(self._commander.complaint)
+        self._warning.update(self._commander.stop_reason)
         self._on_inhibit()
 
     def _follow_clock(self) -> None:
         if self._clock.has_changed():
-            self._commander.forget_time()
+            self._commander.reset_clock()
 
     def _update_inhibits(self, now_ns: int) -> None:
         self._commander.inhibit(Inhibit.CLOCK_STALL, self._clock.is_stalled(now_ns))

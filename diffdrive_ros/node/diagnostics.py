@@ -118,11 +118,11 @@ class Diagnostics:
         commander, rate = self._commander, self._command_rate
         values = {'rate [Hz]': f'{rate:.1f}', 'inhibits': ','.join(sorted(commander.inhibits)),
                   **commander.counts}
-        if commander.complaint:
+        if commander.stop_reason:
             is_parked = (not commander.inhibits
                          and self._updated_at - self._commanded_at > PARKED_S)
             return Status('commands', OK if is_parked else WARN,
-                          f'stopped: {commander.complaint}', values)
+                          f'stopped: {commander.stop_reason}', values)
         return Status(
             'commands', OK, f'{rate:.0f} Hz' if commander.started else 'no command yet', values)
 

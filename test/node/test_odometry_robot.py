@@ -589,7 +589,7 @@ def test_open_loop_has_no_feedback_timeout(
         lambda: (time.monotonic() - node._odom.sampled_at > 0.3
                  and node._commander.counts['commands'] > 9),
         'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
-    assert 'joint_states' not in node._commander.complaint
+    assert 'joint_states' not in node._commander.stop_reason
     assert 'no usable joint_states' not in logged()
 
 
