@@ -202,18 +202,6 @@ def test_clock_beyond_2038_is_rejected(
     assert node._odom.feedback.counts['unreadable']
 
 
-def test_odom_continues_after_the_clock_was_set_back(make: Make) -> None:
-    """In open loop the timestamps are the clock's own."""
-    node = make(publish_rate=10.0)
-    hour = 3600 * 10**9
-    start = 10**18
-    due = [node._odom._is_due(start + k * 50_000_000, 10**8) for k in range(5)]
-    assert due == [True, False, True, False, True]
-    before = [
-        node._odom._is_due(start - hour + k * 50_000_000, 10**8) for k in range(3)]
-    assert before == [True, False, True]
-
-
 def test_limits_without_effect_warn_once_also_live(
         station: Station, make: Make, logged: Logged) -> None:
     """A minimum without its maximum has no effect; without acceleration the robot stays."""
