@@ -1,4 +1,4 @@
-"""From the speed asked for to the speed of this period."""
+"""Test the limits of an axis: velocity, acceleration, jerk, stops and reversals."""
 from dataclasses import fields, FrozenInstanceError, replace
 import math
 import re
@@ -42,7 +42,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
 def drive(limits, targets, dt, last=0.0, before_last=None):
-    """Return the speeds applied while the targets are asked for, one a period."""
+    """Return the applied speeds for a sequence of targets, one a period."""
     applied = [last if before_last is None else before_last, last]
     for target in targets:
         applied.append(limits.step(target, applied[-1], applied[-2], dt))
@@ -58,7 +58,7 @@ def velocities(limits):
 
 
 def mirrored(limits):
-    """Return the limits of the same axis with its positive direction turned round."""
+    """Return the limits of the same axis with its positive direction reversed."""
     partner = {
         'max_velocity': 'min_velocity', 'max_acceleration': 'max_acceleration_reverse',
         'max_deceleration': 'max_deceleration_reverse', 'max_jerk': 'min_jerk'}
@@ -66,7 +66,7 @@ def mirrored(limits):
     return AxisLimits(**{name: -getattr(limits, partner[name]) for name in NAMES})
 
 
-# Speeds by hand
+# Values by hand
 
 @pytest.mark.parametrize(('last', 'target', 'dt', 'expected'), [
     (0.0, 1.0, 0.125, [0.25, 0.5, 0.75, 1.0, 1.0]),
@@ -133,13 +133,13 @@ def test_jerk_limits_do_not_delay_the_end_of_acceleration():
 
 
 def test_jerk_limits_preserve_momentum_after_a_new_target():
-    # Slowing down by 0.5 a period when something higher is asked for, and it may change by 1/8.
+    # The deceleration is 0.5 a period at the new target, and may change by 1/8.
     limits = AxisLimits(max_jerk=0.5)
     assert drive(limits, [3.0] * 5, 0.5, 2.0, 2.5) == [1.625, 1.375, 1.25, 1.25, 1.375]
 
 
 def test_momentum_does_not_accelerate_to_a_slower_target():
-    # Speeding up by 0.5 a period when something lower is asked for.
+    # The acceleration is 0.5 a period at the new target.
     limits = AxisLimits(max_jerk=0.5)
     assert drive(limits, [0.25] * 4, 0.5, 1.0, 0.5) == [1.0, 0.875, 0.625, 0.25]
     assert drive(limits, [1e-9] * 4, 0.5, -1.0, -0.5) == [-1.0, -0.875, -0.625, -0.25]
@@ -152,7 +152,7 @@ def test_momentum_does_not_carry_past_zero():
     assert limits.step(2.0, 0.0, 1.0, 0.5) == 0.0
 
 
-# What is not set
+# Limits not set
 
 @pytest.mark.parametrize(('settings', 'same_as'), [
     ({'max_velocity': 1.5}, {'min_velocity': -1.5}),
@@ -192,8 +192,8 @@ def test_family_without_maximum_is_off_and_reported(
     off = AxisLimits(**settings)
     bare = AxisLimits(**settings | dict.fromkeys(others, NAN))
     assert off.step(target, last, before_last, dt) == bare.step(target, last, before_last, dt)
-    said = [name for name in others if not math.isnan(settings[name])]
-    assert [name for name in off.without_effect if name in others] == said
+    reported = [name for name in others if not math.isnan(settings[name])]
+    assert [name for name in off.without_effect if name in others] == reported
     assert not set(bare.without_effect) & set(others)
 
 
@@ -226,7 +226,7 @@ def test_deceleration_of_zero_keeps_the_speed_except_at_a_stop():
     limits = AxisLimits(max_acceleration=2.0, max_deceleration=-0.0, max_deceleration_reverse=0.0)
     assert drive(limits, [0.5, -1.0, 0.0], 0.125, 1.0) == [1.0, 1.0, 0.0]
     assert drive(limits, [-0.5, 1.0, 0.0], 0.125, -1.0) == [-1.0, -1.0, 0.0]
-    assert drive(limits, [-1.0, -1.0], 0.125) == [-0.25, -0.5]  # away from zero as ever
+    assert drive(limits, [-1.0, -1.0], 0.125) == [-0.25, -0.5]  # acceleration is unchanged
     assert AxisLimits(max_acceleration=0.0).step(0.0, 1.0, 1.0, 0.02) == 0.0
 
 
@@ -390,7 +390,7 @@ def test_target_within_velocity_limits_is_reached_and_kept(
 @given(any_limits, speeds, speeds, speeds, periods)
 def test_mirrored_limits_give_mirrored_speeds(limits, target, last, before_last, dt):
     if any(math.isnan(getattr(limits, name)) for name in NAMES):
-        return  # what is not set takes its value from the forward direction
+        return  # a limit not set has the value of the forward direction
     there = mirrored(limits).step(-target, -last, -before_last, dt)
     assert there == -limits.step(target, last, before_last, dt)
 
@@ -401,10 +401,10 @@ def test_speed_of_zero_has_no_sign(limits, target, last, before_last, dt):
     assert now != 0.0 or math.copysign(1.0, now) == 1.0
 
 
-# diff_drive_controller's own rule
+# Equality with diff_drive_controller
 
-def theirs(limits, target, last, before_last, dt):
-    """Return what control_toolbox's RateLimiter gives, told in other words."""
+def control_toolbox_step(limits, target, last, before_last, dt):
+    """Return the speed of control_toolbox's RateLimiter, by a separate implementation."""
     def middle(low, value, high):
         return sorted([low, value, high])[1]
 
@@ -430,8 +430,8 @@ def theirs(limits, target, last, before_last, dt):
     return middle(low, now, high)
 
 
-def agree(limits, target, last, before_last, dt):
-    expected = theirs(limits, target, last, before_last, dt)
+def equals_control_toolbox(limits, target, last, before_last, dt):
+    expected = control_toolbox_step(limits, target, last, before_last, dt)
     now = limits.step(target, last, before_last, dt)
     return now == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
@@ -441,12 +441,12 @@ def test_speeds_are_diff_drive_controllers_without_reversal(
         limits, target, last, before_last, dt):
     low, high = velocities(limits)
     last, before_last = min(max(last, low), high), min(max(before_last, low), high)
-    expected = theirs(limits, target, last, before_last, dt)
-    asked = min(max(target, low), high)
-    if not asked or abs(expected) > max(abs(last), abs(asked)):
-        return  # a stop, or faster though it was asked to be slower
+    expected = control_toolbox_step(limits, target, last, before_last, dt)
+    clipped = min(max(target, low), high)
+    if not clipped or abs(expected) > max(abs(last), abs(clipped)):
+        return  # a stop, or RateLimiter accelerates towards a lower target
     if last * expected >= 0.0 and target * expected >= 0.0:
-        assert agree(limits, target, last, before_last, dt)
+        assert equals_control_toolbox(limits, target, last, before_last, dt)
 
 
 @given(any_limits, speeds, speeds, speeds, periods)
@@ -456,8 +456,8 @@ def test_speeds_are_diff_drive_controllers_with_one_rate(
     limits = AxisLimits(limits.max_velocity, limits.min_velocity, rate)
     low, high = velocities(limits)
     last = min(max(last, low), high)
-    if rate or min(max(target, low), high):  # but for a stop without a deceleration
-        assert agree(limits, target, last, before_last, dt)
+    if rate or min(max(target, low), high):  # except a stop without a deceleration
+        assert equals_control_toolbox(limits, target, last, before_last, dt)
 
 
 # Time and arguments

@@ -1,4 +1,4 @@
-"""Messages as bytes: the same, byte for byte, as rclpy's own serialisation and its reading."""
+"""Test the CDR reader and writers: equal to the serialization of rclpy, byte for byte."""
 import math
 import struct
 
@@ -13,10 +13,10 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-OURS = ('front_left', 'rear_right', 'ĺ')  # the last one is of two bytes
+JOINTS = ('front_left', 'rear_right', 'ĺ')  # the last one is of two bytes
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
-names = st.lists(st.sampled_from((*OURS, 'arm', '', 'front_lef', 'front_left2')), max_size=9)
+names = st.lists(st.sampled_from((*JOINTS, 'arm', '', 'front_lef', 'front_left2')), max_size=9)
 stamps = st.tuples(st.integers(-2**31, 2**31 - 6), st.integers(0, 2**32 - 1))
 
 
@@ -32,7 +32,7 @@ def joint_states(draw: st.DrawFn) -> JointState:
 
 
 def payload(message: JointState, order: str = '<', fill: int = 0) -> bytes:
-    """Return a message in either byte order; fill is in the bytes that only fill."""
+    """Return a serialized message in either byte order, with the padding bytes set to fill."""
     body = bytearray()
 
     def add(code: str, *values: object) -> None:
@@ -60,8 +60,8 @@ def payload(message: JointState, order: str = '<', fill: int = 0) -> bytes:
 
 
 def expected(message: JointState) -> tuple:
-    """Return what a reading of OURS has to be."""
-    ours = [index for index, name in enumerate(message.name) if name in OURS]
+    """Return the expected reading of the joints."""
+    ours = [index for index, name in enumerate(message.name) if name in JOINTS]
     return (
         tuple(message.name[i] for i in ours),
         tuple(message.position[i] for i in ours if i < len(message.position)),
@@ -77,10 +77,10 @@ def same(got: tuple, wanted: tuple) -> bool:
 
 @given(joint_states())
 def test_oracle_writes_what_rclpy_writes(message: JointState) -> None:
-    """The oracle in either order is rclpy's in its own; bytes that only fill may be anything."""
+    """The oracle in either byte order equals rclpy in its own, except padding bytes."""
     theirs = serialize_message(message)
     zeros, ones = payload(message), payload(message, fill=255)
-    assert 0 <= len(theirs) - len(zeros) < 32  # room that was not needed
+    assert 0 <= len(theirs) - len(zeros) < 32  # spare capacity
     for ours, filled, byte in zip(zeros, ones, theirs, strict=False):
         assert ours == byte or filled == 255
     assert same(expected(deserialize_message(zeros, JointState)), expected(message))
@@ -89,8 +89,8 @@ def test_oracle_writes_what_rclpy_writes(message: JointState) -> None:
 @given(st.lists(joint_states(), min_size=1, max_size=12), st.data())
 def test_reading_equals_rclpy(
         messages: list[JointState], data: st.DataObject) -> None:
-    """Layouts come and go, repeat, and change; either byte order, any bytes that only fill."""
-    reader = JointStateReader(OURS)
+    """Layouts repeat and change, in either byte order, with any padding."""
+    reader = JointStateReader(JOINTS)
     for message in messages:
         order, fill = data.draw(st.sampled_from('<>')), data.draw(st.sampled_from((0, 1, 255)))
         assert same(reader.read(payload(message, order, fill)), expected(message))
@@ -103,16 +103,16 @@ def test_reading_equals_rclpy(
 
 @given(joint_states())
 def test_payload_of_rclpy_is_read(message: JointState) -> None:
-    """With the undefined bytes that it leaves."""
-    assert same(JointStateReader(OURS).read(serialize_message(message)), expected(message))
+    """Its padding bytes are undefined."""
+    assert same(JointStateReader(JOINTS).read(serialize_message(message)), expected(message))
 
 
 @given(joint_states(), st.sampled_from('<>'), st.data())
 def test_truncated_payload_is_rejected(
         message: JointState, order: str, data: st.DataObject) -> None:
-    """At any byte, also by a reader that knows the whole one; it still reads the whole one."""
+    """At any byte, also with the layout cached; the whole message is still read afterwards."""
     whole = payload(message, order)
-    reader = JointStateReader(OURS)
+    reader = JointStateReader(JOINTS)
     reader.read(whole)
     cut = whole[:data.draw(st.integers(0, len(whole) - 1))]
     with pytest.raises(WireError, match=r'must (be|end)'):
@@ -122,9 +122,9 @@ def test_truncated_payload_is_rejected(
 
 @given(joint_states(), st.data())
 def test_corrupt_bytes_are_read_or_rejected(message: JointState, data: st.DataObject) -> None:
-    """What is read of a message with wrong bytes is what the bytes say, never more."""
+    """A cached layout does not change what is read of a corrupt message."""
     wrong = bytearray(payload(message))
-    reader = JointStateReader(OURS)
+    reader = JointStateReader(JOINTS)
     reader.read(bytes(wrong))
     for _ in range(data.draw(st.integers(1, 4))):
         wrong[data.draw(st.integers(0, len(wrong) - 1))] = data.draw(st.integers(0, 255))
@@ -132,41 +132,41 @@ def test_corrupt_bytes_are_read_or_rejected(message: JointState, data: st.DataOb
         got = reader.read(bytes(wrong))
     except WireError:
         return
-    assert same(JointStateReader(OURS).read(bytes(wrong)), got)
-    assert len(got[0]) == sum(name in OURS for name in got[4])
+    assert same(JointStateReader(JOINTS).read(bytes(wrong)), got)
+    assert len(got[0]) == sum(name in JOINTS for name in got[4])
 
 
 def test_stamp_out_of_range_is_rejected() -> None:
-    """Its nanoseconds lead beyond the last second that there is."""
+    """The nanoseconds overflow the last second of the type."""
     message = JointState(name=['front_left'], position=[1.0])
     message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 10**9
     with pytest.raises(WireError, match=r'^stamp = 2147483647 s \+ 1000000000 ns: must be before'):
-        JointStateReader(OURS).read(payload(message))
+        JointStateReader(JOINTS).read(payload(message))
 
 
 def test_string_without_terminator_is_rejected() -> None:
-    """Whatever its last character is, the name is another one."""
+    """Its last character is not part of the name."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
     with pytest.raises(WireError, match='without a zero: must end with one'):
-        JointStateReader(OURS).read(whole.replace(b'left\0', b'leftX'))
+        JointStateReader(JOINTS).read(whole.replace(b'left\0', b'leftX'))
 
 
 def test_counts_beyond_the_payload_are_rejected_with_offset() -> None:
-    """A count of four thousand million takes neither time nor memory."""
+    """A count of 4 * 10^9 costs neither time nor memory."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
-    lying = whole.replace(struct.pack('<I', 11), struct.pack('<I', 2**32 - 1))
+    wrong_length = whole.replace(struct.pack('<I', 11), struct.pack('<I', 2**32 - 1))
     with pytest.raises(WireError, match=r'^a text ends at byte 4294967\d+ of \d+: must end with'):
-        JointStateReader(OURS).read(lying)
+        JointStateReader(JOINTS).read(wrong_length)
     many = whole[:20] + struct.pack('<I', 2**32 - 1) + whole[24:]
     with pytest.raises(WireError, match='must end within the message'):
-        JointStateReader(OURS).read(many)
+        JointStateReader(JOINTS).read(many)
 
 
 @pytest.mark.parametrize('preamble', [b'\0\2\0\0', b'\0\7\0\0', b'\1\1\0\0', b'PK\3\4'])
 def test_unsupported_encoding_is_rejected(preamble: bytes) -> None:
-    """Parameter lists and version 2 are laid out differently."""
+    """Parameter lists and XCDR version 2 have another layout."""
     whole = payload(JointState(name=['front_left'], position=[1.0]))
-    reader = JointStateReader(OURS)
+    reader = JointStateReader(JOINTS)
     reader.read(whole)
     with pytest.raises(WireError, match=f'^encoding {preamble[:2].hex()}: must be 0000 or 0001'):
         reader.read(preamble + whole[4:])
@@ -196,7 +196,7 @@ def rotation(theta: float) -> tuple[float, float]:
 
 @given(finite)
 def test_written_quaternion_has_w_not_negative(theta: float) -> None:
-    """Each heading has two quaternions; of these one is taken, as by everybody."""
+    """Each heading has two quaternions; by convention, w >= 0 is written."""
     estimate = (0.0, 0.0, theta), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
     message = deserialize_message(
         OdometryWriter('o', 'b').write(0, (*estimate, (0.0, 0.0), estimate[1])), OdometryMessage)
@@ -207,7 +207,7 @@ def test_written_quaternion_has_w_not_negative(theta: float) -> None:
 
 
 def as_message(stamp_ns: int, odom: str, base: str, estimate: tuple) -> OdometryMessage:
-    """Return the message of an estimate, put together field by field."""
+    """Return the message of an estimate, filled field by field."""
     (x, y, theta), pose_covariance, (linear, angular), twist_covariance = estimate
     message = OdometryMessage(child_frame_id=base)
     message.header.frame_id = odom
@@ -226,7 +226,7 @@ def as_message(stamp_ns: int, odom: str, base: str, estimate: tuple) -> Odometry
 
 
 def is_written(written: bytes, message: object) -> bool:
-    """Return whether bytes are those of a message, but for rclpy's bytes that only fill."""
+    """Return whether bytes are those of a message, except the padding bytes of rclpy."""
     theirs = serialize_message(message)
     return deserialize_message(written, type(message)) == message and len(written) <= len(theirs)
 
@@ -262,7 +262,7 @@ def test_given_diagonal_is_written() -> None:
 @given(st.tuples(*[st.floats(0.0, 1e150)] * 3), st.tuples(*[st.floats(-0.99, 0.99)] * 3))
 def test_variances_are_capped_and_correlations_stay(
         deviations: tuple, tilts: tuple) -> None:
-    """Filters that invert the covariance still can."""
+    """The covariance stays invertible, as filters need it."""
     factor = np.array([[1.0, 0.0, 0.0], [tilts[0], 1.0, 0.0], [tilts[1], tilts[2], 1.0]])
     factor /= np.linalg.norm(factor, axis=1)[:, np.newaxis]
     matrix = factor @ factor.T * np.multiply.outer(deviations, deviations)
@@ -284,9 +284,9 @@ def test_transform_equals_rclpy(
     transform = TransformStamped(child_frame_id=base)
     transform.header.frame_id = odom
     transform.header.stamp.sec, transform.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-    translation, turned = transform.transform.translation, transform.transform.rotation
+    translation, quaternion = transform.transform.translation, transform.transform.rotation
     translation.x, translation.y = x, y
-    turned.z, turned.w = rotation(theta)
+    quaternion.z, quaternion.w = rotation(theta)
     assert is_tf_message(written, transform)
 
 
@@ -301,7 +301,7 @@ def is_tf_message(written: bytes, transform: TransformStamped) -> bool:
 
 @given(st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 2), max_size=15), st.integers(1, 4))
 def test_estimate_has_the_values_of_the_arrays(steps: list, window: int) -> None:
-    """Plain floats for the message, arrays for people."""
+    """Plain floats for the message equal the arrays of the properties."""
     odometry = Odometry(DiffDrive(0.317, 0.0471, 0.0533), window=window)
     left = right = 0.0
     for k, (by_left, by_right) in enumerate(steps):

@@ -1,4 +1,4 @@
-"""The laws of the differential drive's geometry."""
+"""Test the laws of the kinematics of a differential drive."""
 from dataclasses import FrozenInstanceError, replace
 from functools import partial
 import math
@@ -13,7 +13,7 @@ from support.strategies import drives, twists
 
 # No two of these numbers, nor their halves, doubles or inverses, can stand for each other.
 ROBOT = DiffDrive(wheel_separation=0.317, left_wheel_radius=0.0471, right_wheel_radius=0.0533)
-# Round ones, for what is worked out by hand.
+# Round numbers, for values by hand.
 ROUND = DiffDrive(wheel_separation=0.4, left_wheel_radius=0.05, right_wheel_radius=0.1)
 
 same = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
@@ -23,7 +23,7 @@ any_speeds = st.floats(allow_nan=False, allow_infinity=False)
 limits = st.floats(1e-3, 100.0)
 
 
-# What one sees on the floor
+# Directions and values by hand
 
 def test_positive_wheel_speeds_drive_forward():
     linear, angular = ROBOT.body_twist(1.0 / 0.0471, 1.0 / 0.0533)
@@ -88,7 +88,7 @@ def test_scaled_robot_drives_faster_and_turns_equally(drive, left, right, scale)
     same(larger.body_twist(left, right), [scale * linear, angular], atol=1e-9)
 
 
-# There and back
+# Inverses
 
 @given(drives, speeds, speeds)
 def test_wheel_speeds_invert_body_twist(drive, left, right):
@@ -246,12 +246,12 @@ def test_each_pair_of_an_array_has_its_own_factor():
     assert right.tolist() == [2.0, 2.0, 4.0]
 
 
-# What is refused
+# Invalid arguments
 
-NO_LENGTHS = [0, 0.0, -0.3, math.nan, math.inf, -math.inf, None, 'a', [0.3], 1j]
+INVALID_LENGTHS = [0, 0.0, -0.3, math.nan, math.inf, -math.inf, None, 'a', [0.3], 1j]
 
 
-@pytest.mark.parametrize('value', NO_LENGTHS)
+@pytest.mark.parametrize('value', INVALID_LENGTHS)
 @pytest.mark.parametrize('name', ['wheel_separation', 'left_wheel_radius', 'right_wheel_radius'])
 def test_geometry_not_positive_is_rejected(name, value):
     message = f'{name} = {value!r}: must be positive and finite'
@@ -264,7 +264,7 @@ def test_geometry_too_large_for_a_float_is_rejected():
         replace(ROBOT, wheel_separation=10**400)
 
 
-@pytest.mark.parametrize('limit', NO_LENGTHS)
+@pytest.mark.parametrize('limit', INVALID_LENGTHS)
 def test_limit_not_positive_is_rejected(limit):
     message = f'limit = {limit!r}: must be positive and finite'
     with pytest.raises(ValueError, match=f'^{re.escape(message)}$'):

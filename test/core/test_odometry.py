@@ -1,4 +1,4 @@
-"""The laws of odometry: whole logs, sample by sample, and how far to trust it."""
+"""Test the laws of odometry: batch integration, online updates, twist and covariance."""
 from functools import partial
 import math
 import re
@@ -32,17 +32,17 @@ same = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-11)
 
 
 def wheels_for(drive, distance, turn):
-    """Return what the left and the right wheel turn on an arc of a length and a turn."""
+    """Return the increments of the left and the right wheel on an arc of a length and a turn."""
     return drive.wheel_speeds(distance, turn)
 
 
 def angles_of(steps):
-    """Return the wheel angles, left and right, of a log that starts at zero."""
+    """Return the left and right wheel angles of a log that starts at zero."""
     return np.vstack([[0.0, 0.0], np.cumsum(np.reshape(steps, (-1, 2)), axis=0)]).T
 
 
 def driven(odometry, steps, start_ns=EPOCH_NS, interval_ns=SECOND // 50):
-    """Feed a log's angles to an odometry, sample by sample, and return it."""
+    """Return an odometry after the updates with the angles of a log."""
     for number, (left, right) in enumerate(angles_of(steps).T.tolist()):
         assert odometry.update(left, right, start_ns + number * interval_ns)
     return odometry
@@ -121,7 +121,7 @@ def test_equal_travel_drives_along_the_heading(integrator):
 
 
 @pytest.mark.parametrize(('turn', 'x', 'y'), [
-    (math.pi / 2.0, 1.0, 1.0),  # where the heading of mid-way and the arc's length are 11 % off
+    (math.pi / 2.0, 1.0, 1.0),  # the midpoint rule is 11 % off
     (math.pi, 0.0, 2.0),
     (2.0 * math.pi, 0.0, 0.0),
     (-math.pi / 2.0, -1.0, 1.0),
@@ -268,13 +268,13 @@ def test_invalid_start_is_rejected(integrator, start, message):
 # Long logs
 
 def long_log(samples):
-    """Return wheel angles, left and right, of a drive of curves to both sides."""
+    """Return left and right wheel angles with curves to both sides."""
     time = np.linspace(0.0, 0.01 * samples, samples)
     return 5.0 * time + np.sin(time), 5.0 * time - 2.0 * np.sin(0.7 * time)
 
 
 def peak_memory(work):
-    """Return how many bytes of memory some work had in use at once."""
+    """Return the peak memory of some work [bytes]."""
     tracemalloc.start()
     try:
         work()
@@ -328,11 +328,11 @@ def test_empty_chunks_have_no_poses():
 
 
 def test_memory_of_chunks_is_that_of_one():
-    def drive_through(count):
+    def integrate_all(count):
         parts = (np.array(long_log(10_000)) for _ in range(count))
         assert sum(map(len, integrate_chunks(ROBOT, parts))) == count * 10_000
 
-    assert peak_memory(lambda: drive_through(30)) < 1.1 * peak_memory(lambda: drive_through(3))
+    assert peak_memory(lambda: integrate_all(30)) < 1.1 * peak_memory(lambda: integrate_all(3))
 
 
 def test_chunks_are_read_lazily():
@@ -406,14 +406,14 @@ def test_first_sample_is_the_baseline():
     assert odometry.twist.tolist() == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize('late', [0, -1, -SECOND])
-def test_out_of_order_sample_is_dropped_without_lost_motion(late):
+@pytest.mark.parametrize('offset_ns', [0, -1, -SECOND])
+def test_out_of_order_sample_is_dropped_without_lost_motion(offset_ns):
     odometry, smooth = Odometry(ROBOT), Odometry(ROBOT)
     for each in odometry, smooth:
         each.update(0.0, 0.0, EPOCH_NS)
         each.update(1.0, 2.0, EPOCH_NS + SECOND)
     before = odometry.pose.tolist(), odometry.twist.tolist(), odometry.pose_covariance.tolist()
-    assert not odometry.update(7.0, 9.0, EPOCH_NS + SECOND + late)
+    assert not odometry.update(7.0, 9.0, EPOCH_NS + SECOND + offset_ns)
     after = odometry.pose.tolist(), odometry.twist.tolist(), odometry.pose_covariance.tolist()
     assert before == after
     for each in odometry, smooth:
@@ -545,8 +545,8 @@ def test_twist_ignores_samples_before_its_window():
     odometry = driven(Odometry(ROBOT, window=3), [(40.0, -50.0), *late])
     fresh = driven(Odometry(ROBOT, window=3), late)
     same(odometry.twist, fresh.twist)
-    still_in_it = driven(Odometry(ROBOT, window=4), [(40.0, -50.0), *late])
-    assert abs(still_in_it.twist[2] - fresh.twist[2]) > 1.0
+    within_window = driven(Odometry(ROBOT, window=4), [(40.0, -50.0), *late])
+    assert abs(within_window.twist[2] - fresh.twist[2]) > 1.0
 
 
 def test_twist_of_unequal_intervals_is_displacement_over_time():
@@ -557,7 +557,7 @@ def test_twist_of_unequal_intervals_is_displacement_over_time():
     same(odometry.twist, [0.3, 0.0, 0.0])
 
 
-# How far to trust it
+# The covariance
 
 def numeric_jacobian(function, point, step=1e-6):
     """Return the derivative of a function of a vector by central differences."""
@@ -574,7 +574,7 @@ def variances_of(noise, left_travel, right_travel, turn):
 
 
 def displacement_of(drive, travels_and_scrub):
-    """Return the displacement twist of travels of the wheels [m] and a turn besides."""
+    """Return the displacement twist of travels of the wheels [m] and an additional turn [rad]."""
     left, right, scrub = travels_and_scrub
     wheels = left / drive.left_wheel_radius, right / drive.right_wheel_radius
     return np.array([0.0, 0.0, scrub]) + drive.displacement(*wheels)
@@ -704,7 +704,7 @@ def test_travel_and_heading_errors_of_a_wheel_correlate(noise, sign):
     pose, twist = odometry.pose_covariance, odometry.twist_covariance
     assert sign * pose[0, 2] > 1e-6
     assert sign * twist[0, 2] > 1e-6
-    assert pose[1, 2] > 1e-6  # who turned left ends left, whichever wheel it was
+    assert pose[1, 2] > 1e-6  # a left turn ends on the left, whichever wheel caused it
 
 
 def test_turn_noise_affects_the_heading_only():

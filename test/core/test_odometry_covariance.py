@@ -1,4 +1,4 @@
-"""The covariance is true: the systematic part, the reset, and the check of consistency.py."""
+"""Test the systematic part of the covariance, the reset, and the consistency."""
 import math
 import re
 
@@ -29,24 +29,24 @@ from test_odometry import (
     wheels_for,
 )
 
-KNOWN = GeometryUncertainty(
+UNCERTAINTY = GeometryUncertainty(
     wheel_separation=2.3e-3, left_wheel_radius=1.1e-4, right_wheel_radius=3.7e-4)
 NO_NOISE = WheelNoise(0.0, 0.0, 0.0)
 MIN_COVARIANCE = MIN_POSE_VARIANCE * np.eye(3)
-HEADING_AND_PLACE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.05]])
+FULL_COVARIANCE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.05]])
 
 few_steps = st.lists(
     st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=5)
 
 
 def geometry_of(drive):
-    """Return the measures of a geometry, in the order of DiffDrive's and the sensitivity's."""
+    """Return separation and radii as an array, in the order of the sensitivity."""
     return np.array([drive.wheel_separation, drive.left_wheel_radius, drive.right_wheel_radius])
 
 
 def uncertain(drive=ROBOT, noise=NO_NOISE, **kwargs):
     """Return an odometry whose geometry is uncertain, without noise if none is given."""
-    return Odometry(drive, noise=noise, geometry_uncertainty=KNOWN, **kwargs)
+    return Odometry(drive, noise=noise, geometry_uncertainty=UNCERTAINTY, **kwargs)
 
 
 # The systematic part
@@ -65,7 +65,7 @@ def test_sensitivity_is_derivative_of_pose_by_geometry(drive, steps, start):
 def test_systematic_part_is_variances_through_sensitivity(drive, steps, start):
     plain = driven(Odometry(drive, noise=NOISE, start=start), steps)
     odometry = driven(uncertain(drive, NOISE, start=start), steps)
-    S, deviations = geometry_sensitivity(odometry), geometry_of(KNOWN)
+    S, deviations = geometry_sensitivity(odometry), geometry_of(UNCERTAINTY)
     expected = plain.pose_covariance + S @ np.diag(deviations**2) @ S.T
     same(odometry.pose_covariance, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
@@ -128,11 +128,12 @@ def test_systematic_part_turns_with_the_start(drive, steps, heading, x, y):
 def test_systematic_part_is_mirrored_by_swapped_sides(drive, steps):
     mirrored = DiffDrive(
         drive.wheel_separation, drive.right_wheel_radius, drive.left_wheel_radius)
-    known = GeometryUncertainty(
-        KNOWN.wheel_separation, KNOWN.right_wheel_radius, KNOWN.left_wheel_radius)
+    uncertainty = GeometryUncertainty(
+        UNCERTAINTY.wheel_separation, UNCERTAINTY.right_wheel_radius,
+        UNCERTAINTY.left_wheel_radius)
     here = driven(uncertain(drive), steps)
     there = driven(
-        Odometry(mirrored, noise=NO_NOISE, geometry_uncertainty=known), np.flip(steps, 1))
+        Odometry(mirrored, noise=NO_NOISE, geometry_uncertainty=uncertainty), np.flip(steps, 1))
     mirror = np.diag([1.0, -1.0, -1.0])
     for name in 'pose_covariance', 'twist_covariance':
         plain = mirror @ getattr(here, name) @ mirror
@@ -171,13 +172,14 @@ def test_geometry_error_persists_after_a_change_of_drive():
 def test_twist_covariance_includes_the_geometry():
     step, seconds = np.array([1.1, 2.3]), 0.8
     plain, odometry = (
-        driven(Odometry(ROBOT, window=4, noise=NOISE, geometry_uncertainty=known), [step] * 9,
-               interval_ns=10**9 // 5)
-        for known in (None, KNOWN))
+        driven(
+            Odometry(ROBOT, window=4, noise=NOISE, geometry_uncertainty=uncertainty), [step] * 9,
+            interval_ns=10**9 // 5)
+        for uncertainty in (None, UNCERTAINTY))
     jacobian = numeric_jacobian(
         lambda geometry: DiffDrive(*geometry).displacement(*(4.0 * step / seconds)),
         geometry_of(ROBOT))
-    expected = jacobian @ np.diag(geometry_of(KNOWN)**2) @ jacobian.T
+    expected = jacobian @ np.diag(geometry_of(UNCERTAINTY)**2) @ jacobian.T
     assert expected[2, 2] > 1e-4
     same(odometry.twist_covariance - plain.twist_covariance, expected, rtol=0.0, atol=1e-10)
 
@@ -194,9 +196,9 @@ def test_invalid_deviation_is_rejected(name, value):
 
 def test_reset_sets_the_given_covariance():
     odometry = driven(uncertain(noise=NOISE), [(3.0, 5.0)] * 5)
-    odometry.reset([1.0, 2.0, 3.0], HEADING_AND_PLACE)
+    odometry.reset([1.0, 2.0, 3.0], FULL_COVARIANCE)
     assert odometry.pose.tolist() == [1.0, 2.0, 3.0]
-    assert odometry.pose_covariance.tolist() == HEADING_AND_PLACE.tolist()
+    assert odometry.pose_covariance.tolist() == FULL_COVARIANCE.tolist()
 
 
 def test_heading_variance_of_a_reset_grows_sideways():
@@ -211,10 +213,10 @@ def test_heading_variance_of_a_reset_grows_sideways():
 @settings(max_examples=50)
 def test_reset_restarts_the_systematic_part(drive, before, after, pose):
     odometry = driven(uncertain(drive, NOISE), before)
-    odometry.reset(pose, HEADING_AND_PLACE)
+    odometry.reset(pose, FULL_COVARIANCE)
     assert geometry_sensitivity(odometry).tolist() == np.zeros((3, 3)).tolist()
     fresh = driven(uncertain(drive, NOISE), [])
-    fresh.reset(pose, HEADING_AND_PLACE)
+    fresh.reset(pose, FULL_COVARIANCE)
     origin = angles_of(before)[:, -1]
     for number, (left, right) in enumerate(angles_of(after).T[1:].tolist()):
         fresh.update(left, right, EPOCH_NS + (number + 1) * 10**9)
@@ -233,7 +235,7 @@ def test_reset_with_zero_covariance_has_the_minimum_variance(covariance):
 
 
 def test_covariance_with_rounding_errors_is_accepted():
-    large = 1e9 * HEADING_AND_PLACE
+    large = 1e9 * FULL_COVARIANCE
     large[0, 1] *= 1.0 + 1e-13
     odometry = Odometry(ROBOT)
     odometry.reset([1.0, 2.0, 3.0], large)
@@ -266,28 +268,28 @@ def test_invalid_covariance_is_rejected_without_effect(covariance, message):
     assert odometry.pose_covariance.tolist() == before
 
 
-# Travel that no covariance can hold
+# Overflow of the covariance
 
 @pytest.mark.parametrize('far', [1e120, 1e200, 1e308])
 def test_step_with_covariance_overflow_is_rejected(far):
     odometry = driven(uncertain(DiffDrive(0.317, 0.05, 0.05), NOISE), [(3.0, 5.0)])
-    refusals = []
+    errors = []
     for number in range(1, 11):
         before = odometry.pose.tolist(), odometry.pose_covariance.tolist()
         try:
             odometry.update(*[(-1)**number * far] * 2, EPOCH_NS + number * 10**9)
         except ValueError as error:
-            refusals.append(str(error))
+            errors.append(str(error))
             after = odometry.pose.tolist(), odometry.pose_covariance.tolist()
             assert before == after
         for covariance in odometry.pose_covariance, odometry.twist_covariance:
             assert np.isfinite(covariance).all()
-    assert refusals
-    for refusal in refusals:
-        assert re.fullmatch(r'travel = \S+, \S+ m in one step: must be .*', refusal)
+    assert errors
+    for error in errors:
+        assert re.fullmatch(r'travel = \S+, \S+ m in one step: must be .*', error)
 
 
-# Consistency: consistency.py tries more of it
+# Consistency: test/checks/consistency.py checks more cells
 
 CELLS = (
     Cell('straight', 'equal', systematic=True), Cell('arc', 'unequal', systematic=False),
@@ -298,9 +300,9 @@ CELLS = (
 def test_covariance_is_consistent_and_half_parameters_are_not():
     low, high = band(len(CELLS))
     table = [nees_of(cell, ('', *PARAMETERS)) for cell in CELLS]
-    true, *told_by_half = np.transpose(table)
+    true, *halved = np.transpose(table)
     assert ((low < true) & (true < high)).all(), true
-    for name, nees in zip(PARAMETERS, told_by_half, strict=True):
+    for name, nees in zip(PARAMETERS, halved, strict=True):
         assert nees.max() > high, name
 
 
@@ -311,6 +313,6 @@ def test_noise_fitted_on_circles_is_consistent_on_squares():
     k = real_runs(circles, 4).fitted()
     assert 5e-7 < k < 5e-6
     for recordings in squares:
-        drives_of_set = real_runs(recordings, 1)
-        assert len(drives_of_set.errors) == 6
-        assert 0.3 < drives_of_set.nees(k) < 3.0
+        runs = real_runs(recordings, 1)
+        assert len(runs.errors) == 6
+        assert 0.3 < runs.nees(k) < 3.0

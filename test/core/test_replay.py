@@ -1,4 +1,4 @@
-"""Replayed odometry against a reference: the covariance is that of the errors."""
+"""Test the comparison of replayed odometry with a reference."""
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry import integrate
 from diffdrive_ros.core.odometry_config import OdometryConfig
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 
-def drives_with_noise(count):
-    """Yield samples and the true trajectory of drives whose left wheel slips by chance."""
+def runs_with_noise(count):
+    """Yield samples and true trajectories of runs whose left wheel has random slip."""
     drive, random = DiffDrive(0.30, 0.049, 0.051), np.random.default_rng(9)
     for _ in range(count):
         speeds = np.tile(np.repeat([[8.0, 8.5], [8.0, 6.0]], 50, axis=0), (2, 1)) * 0.05
@@ -25,13 +25,13 @@ def drives_with_noise(count):
 
 
 @pytest.mark.parametrize('begin', [0, 120])
-def test_the_nees_is_one_whenever_the_reference_begins(begin):
+def test_nees_of_a_late_reference_is_one(begin):
     config = OdometryConfig.of(checked_values(ODOMETRY, {
         'wheel_separation': 0.30, 'wheel_radius': 0.05, 'left_wheel_radius_multiplier': 0.98,
         'right_wheel_radius_multiplier': 1.02, 'left_wheel_travel_variance': 1e-5,
         'right_wheel_travel_variance': 1e-9, 'turn_variance': 0.0}))
     scores = []
-    for samples, reference in drives_with_noise(200):
+    for samples, reference in runs_with_noise(200):
         part = Trajectory(reference.stamps_ns[begin:], reference.poses[begin:], 'world')
         reset_ns = comparison_start_ns(samples, part, 0.0)
         compared = compare(

@@ -1,4 +1,4 @@
-"""The laws of rigid motions of the plane."""
+"""Test the laws of SE(2), the rigid motions of the plane."""
 from decimal import Decimal, localcontext
 from functools import partial
 import math
@@ -24,7 +24,7 @@ def homogeneous(pose):
 
 
 def matrix_exponential(twist):
-    """Return the exponential of a twist's matrix: Taylor's series, scaled and squared."""
+    """Return the matrix exponential of a twist, by scaling and squaring of a Taylor series."""
     v_x, v_y, omega = twist
     halvings = 10
     matrix = np.array([[0.0, -omega, v_x], [omega, 0.0, v_y], [0.0, 0.0, 0.0]]) / 2.0**halvings
@@ -36,7 +36,7 @@ def matrix_exponential(twist):
 
 
 def arc_to_fifty_digits(omega):
-    """Return where one metre forward in an arc of a turn ends, by its series in decimals."""
+    """Return the end of an arc of 1 m with a turn, by a series in decimals."""
     with localcontext() as context:
         context.prec = 60
         turn = Decimal(omega)
@@ -279,7 +279,7 @@ MORE = random.uniform(-3.0, 3.0, (5, 3))
 POINTS = random.uniform(-3.0, 3.0, (5, 2))
 ANGLES = random.uniform(-9.0, 9.0, (4, 1))
 
-CALLS = {  # function: (arguments, what one row of each is)
+CALLS = {  # function: (arguments, signature of a row)
     se2.exp: ([POSES], '(i)->(i)'),
     se2.log: ([POSES], '(i)->(i)'),
     se2.compose: ([POSES, MORE], '(i),(i)->(i)'),
@@ -323,7 +323,7 @@ def test_integers_and_lists_are_accepted():
     same(se2.compose([1, 2, 0], (3, 4, 0)), [4.0, 6.0, 0.0])
 
 
-# What is refused
+# Invalid arguments
 
 ARGUMENTS = [
     (se2.exp, ['twist'], [3]),

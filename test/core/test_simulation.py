@@ -1,4 +1,4 @@
-"""The simulated robot obeys physics that can be worked out by hand."""
+"""Test the simulated robot against physics by hand."""
 from dataclasses import replace
 import math
 import re
@@ -12,7 +12,7 @@ IDEAL = RobotModel(0.317, 0.0471, 0.0533, motor_time_constant=0.0, ticks_per_rev
 
 
 def test_equal_rim_speeds_drive_straight() -> None:
-    """The wheel with the smaller radius has to turn faster for it."""
+    """The wheel with the smaller radius turns faster."""
     robot = SimulatedRobot(IDEAL)
     robot.command(0.5 / 0.0471, 0.5 / 0.0533)
     robot.advance(3.0)
@@ -20,7 +20,7 @@ def test_equal_rim_speeds_drive_straight() -> None:
 
 
 def test_standing_left_wheel_is_the_centre_of_the_circle() -> None:
-    """Half a turn around it ends on its other side, a separation away to the left."""
+    """Half a turn about it ends one separation to the left."""
     robot = SimulatedRobot(IDEAL)
     right = math.pi * 0.317 / 0.0533
     robot.command(0.0, right / 2.0)
@@ -30,7 +30,7 @@ def test_standing_left_wheel_is_the_centre_of_the_circle() -> None:
 
 @given(left=st.floats(-20.0, 20.0), right=st.floats(-20.0, 20.0))
 def test_constant_command_drives_a_circle(left: float, right: float) -> None:
-    """The distance from the centre of curvature stays what it was at the start."""
+    """The distance from the centre of curvature is constant."""
     robot = SimulatedRobot(IDEAL)
     robot.command(left, right)
     robot.advance(0.7)
@@ -44,7 +44,7 @@ def test_constant_command_drives_a_circle(left: float, right: float) -> None:
 
 
 def test_wheel_reaches_63_percent_after_its_time_constant() -> None:
-    """And its angle lags the ideal one by the time constant in the end."""
+    """In the end its angle lags the ideal one by the time constant."""
     robot = SimulatedRobot(replace(IDEAL, motor_time_constant=0.13))
     robot.command(7.0, -3.0)
     robot.advance(0.13)
@@ -55,7 +55,7 @@ def test_wheel_reaches_63_percent_after_its_time_constant() -> None:
 
 @given(cuts=st.lists(st.floats(0.001, 0.5), min_size=1, max_size=5))
 def test_motion_is_independent_of_time_steps(cuts: list[float]) -> None:
-    """The robot does not know when it is looked at."""
+    """The same time in one step or in several gives the same motion."""
     model = replace(IDEAL, motor_time_constant=0.07)
     whole, pieces = SimulatedRobot(model), SimulatedRobot(model)
     for robot in (whole, pieces):
@@ -68,7 +68,7 @@ def test_motion_is_independent_of_time_steps(cuts: list[float]) -> None:
 
 
 def test_command_without_renewal_times_out() -> None:
-    """The motors' own watchdog: from then on the wheels come to rest."""
+    """The watchdog of the motors stops the wheels."""
     robot = SimulatedRobot(IDEAL)
     robot.command(5.0, 6.0, lasts=0.4)
     robot.advance(2.0)
@@ -77,7 +77,7 @@ def test_command_without_renewal_times_out() -> None:
 
 
 def test_encoders_report_whole_ticks() -> None:
-    """The step is a turn divided by the ticks."""
+    """The resolution is a revolution divided by the ticks."""
     robot = SimulatedRobot(replace(IDEAL, ticks_per_revolution=360))
     robot.command(1.0, -1.0)
     robot.advance(0.5)
@@ -86,7 +86,7 @@ def test_encoders_report_whole_ticks() -> None:
 
 
 def test_slip_shortens_the_path_but_not_encoder_angles() -> None:
-    """Which is why odometry is wrong."""
+    """The encoders measure the rotation of the wheels, not the slip."""
     robot = SimulatedRobot(replace(IDEAL, slip=0.1))
     robot.command(0.5 / 0.0471, 0.5 / 0.0533)
     robot.advance(2.0)
@@ -96,7 +96,7 @@ def test_slip_shortens_the_path_but_not_encoder_angles() -> None:
 
 
 def test_travel_noise_has_its_variance_per_metre() -> None:
-    """Whatever the step: of the heading, that of both wheels over the separation."""
+    """For any step; the heading has the variance of both wheels over the separation squared."""
     for step in (1e-3, 2e-2):
         robot = SimulatedRobot(
             replace(IDEAL, travel_noise=0.003), seed=7, runs=20_000, step=step)
@@ -109,7 +109,7 @@ def test_travel_noise_has_its_variance_per_metre() -> None:
 
 
 def test_noise_is_determined_by_the_seed() -> None:
-    """So that a test that failed fails again."""
+    """A failed test can be repeated."""
     model = replace(IDEAL, travel_noise=0.01)
     poses = []
     for seed in (3, 3, 4):
@@ -131,13 +131,13 @@ def test_noise_is_determined_by_the_seed() -> None:
     ('travel_noise', math.inf, 'must be finite and zero or more'),
 ])
 def test_invalid_model_is_rejected(name: str, value: float, rule: str) -> None:
-    """With the name, the value and the rule."""
+    """The error has the name, the value and the rule."""
     with pytest.raises(ValueError, match=re.escape(f'{name} = {value}: {rule}')):
         replace(IDEAL, **{name: value})
 
 
 def test_not_finite_motor_command_is_rejected() -> None:
-    """The physics stays finite."""
+    """It has no effect, and the state stays finite."""
     robot = SimulatedRobot(IDEAL)
     robot.command(1.0, 2.0)
     with pytest.raises(ValueError, match='right = nan: must be finite'):
