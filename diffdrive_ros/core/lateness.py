@@ -33,25 +33,25 @@ class _Clock:
 
     difference_ns: int
     """The smallest difference of receipt and stamp."""
-    heard_ns: int
+    received_ns: int
     room_ns: int
-    """How much earlier than the quickest message another may be, and be of this clock."""
-    believed_ns: int = 0
+    """How much smaller the difference of a message of this clock may be."""
+    accepted_ns: int = 0
 
     def drift_ns(self, now_ns: int) -> int:
         """Return the possible drift since its last message."""
-        return min(round(DRIFT * (now_ns - self.heard_ns)), MOST_DRIFT_NS)
+        return min(round(DRIFT * (now_ns - self.received_ns)), MOST_DRIFT_NS)
 
     def lateness(self, difference_ns: int, now_ns: int) -> int:
         """Return the latency of a message relative to the quickest one."""
         return difference_ns - self.difference_ns - self.drift_ns(now_ns)
 
-    def hear(self, difference_ns: int, now_ns: int, most_room_ns: int) -> None:
-        """Update it by a message; a backlog, which is earlier and earlier, uses its room up."""
+    def update(self, difference_ns: int, now_ns: int, most_room_ns: int) -> None:
+        """Update the estimate by a message; a backlog, whose differences decrease, uses up room_ns."""
         moved_ns = min(difference_ns - self.difference_ns, self.drift_ns(now_ns))
         used_ns = max(-moved_ns - self.drift_ns(now_ns), 0) if moved_ns < 0 else -moved_ns
         self.room_ns = min(self.room_ns - used_ns, most_room_ns)
-        self.difference_ns, self.heard_ns = self.difference_ns + moved_ns, now_ns
+        self.difference_ns, self.received_ns = self.difference_ns + moved_ns, now_ns
 
 
 @dataclass
@@ -61,7 +61,7 @@ class _Candidate:
     first_difference_ns: int
     least_difference_ns: int
     first_ns: int
-    heard_ns: int
+    received_ns: int
 
 
 class Lateness:
@@ -85,14 +85,14 @@ class Lateness:
         """
         if sent_ns <= 0:
             return 0, 0
-        self._others = [each for each in self._others if now_ns - each.heard_ns < HOUR_NS]
+        self._others = [each for each in self._others if now_ns - each.received_ns < HOUR_NS]
         difference_ns = now_ns - sent_ns
         clocks = [_Clock(now_ns - wall_ns, now_ns, self.alike_ns), *self._others]
         all_late = [(each.lateness(difference_ns, now_ns), each) for each in clocks]
         possible = [(late_ns, each) for late_ns, each in all_late if late_ns >= -each.room_ns]
         late_ns, clock = min(possible, key=_first) if possible else max(all_late, key=_first)
         if -clock.room_ns <= late_ns <= self.alike_ns:
-            clock.hear(difference_ns, now_ns, self.alike_ns)
+            clock.update(difference_ns, now_ns, self.alike_ns)
             return max(late_ns, 0), 0
         if self._is_another_clock(difference_ns, now_ns):
             return 0, late_ns
@@ -103,21 +103,21 @@ class Lateness:
         for candidate in self._candidates:
             # In a backlog the differences decrease: so each is compared with the first.
             if (abs(difference_ns - candidate.first_difference_ns) <= self.alike_ns
-                    and now_ns - candidate.heard_ns <= PAUSE_NS):
+                    and now_ns - candidate.received_ns <= PAUSE_NS):
                 break
         else:
             self._candidates.append(_Candidate(difference_ns, difference_ns, now_ns, now_ns))
             return False
         candidate.least_difference_ns = min(candidate.least_difference_ns, difference_ns)
-        candidate.heard_ns = now_ns
-        lately = sum(now_ns - each.believed_ns < HOUR_NS for each in self._others)
+        candidate.received_ns = now_ns
+        lately = sum(now_ns - each.accepted_ns < HOUR_NS for each in self._others)
         if now_ns - candidate.first_ns < PATIENCE_NS << min(lately, MOST_DOUBLINGS):
             return False
         self._candidates.remove(candidate)
         self._others.append(_Clock(
-            candidate.least_difference_ns, now_ns, self.alike_ns, believed_ns=now_ns))
+            candidate.least_difference_ns, now_ns, self.alike_ns, accepted_ns=now_ns))
         if len(self._others) > MOST_CLOCKS:
-            self._others.remove(min(self._others, key=lambda each: each.heard_ns))
+            self._others.remove(min(self._others, key=lambda each: each.received_ns))
         return True
 
 
