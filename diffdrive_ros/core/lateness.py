@@ -47,7 +47,7 @@ class _Clock:
         return difference_ns - self.difference_ns - self.drift_ns(now_ns)
 
     def update(self, difference_ns: int, now_ns: int, most_room_ns: int) -> None:
-        """Update the estimate by a message; a backlog, whose differences decrease, uses up room_ns."""
+        """Update the estimate; a backlog, whose differences decrease, uses up room_ns."""
         moved_ns = min(difference_ns - self.difference_ns, self.drift_ns(now_ns))
         used_ns = max(-moved_ns - self.drift_ns(now_ns), 0) if moved_ns < 0 else -moved_ns
         self.room_ns = min(self.room_ns - used_ns, most_room_ns)
