@@ -6,6 +6,8 @@ PoseStamped, PoseWithCovarianceStamped or TF by topic; other messages are skippe
 are read from their bytes by core/cdr.py: rosbags' deserialiser takes 3 to 7 times as long.
 """
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 import tempfile
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -20,6 +22,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys.store import Typestore
 
 SUFFIXES = ('.mcap', '.db3')
 
@@ -55,27 +59,25 @@ def read_bag(
     """Return the samples of the wheels, and the poses if topics has a reference; UserError."""
     samples: list[WheelSample] = []
     poses: list[StampedPose] = []
-    with _Reader(path) as bag:
-        wheels = bag.connections(topics.joint_states, (JOINT_STATE,))
-        references = [] if topics.reference is None else bag.connections(
-            topics.reference, REFERENCES)
-        reader = JointStateReader((*feedback.left_names, *feedback.right_names))
-        other_joints: set[str] = set()
-        reference_ids = {connection.id for connection in references}
-        for connection, received_ns, data in bag.messages([*wheels, *references]):
-            try:
-                if connection.id in reference_ids:
-                    poses += read_poses(data, connection.msgtype)
-                    continue
-                names, positions, velocities, stamp_ns, all_names = reader.read(data)
-            except WireError as error:
-                raise UserError(f'{path}: a message on {connection.topic}: {error}') from None
-            # As in the node, the time of receipt replaces a missing stamp.
-            sample = feedback.update(names, positions, velocities, stamp_ns or received_ns)
-            if sample:
-                samples.append(sample)
-            else:
-                other_joints.update(all_names)
+    wanted: dict[str, Sequence[str]] = {topics.joint_states: (JOINT_STATE,)}
+    if topics.reference is not None:
+        wanted[topics.reference] = REFERENCES
+    reader = JointStateReader((*feedback.left_names, *feedback.right_names))
+    other_joints: set[str] = set()
+    for connection, received_ns, data in _messages(path, wanted):
+        try:
+            if connection.msgtype != JOINT_STATE:
+                poses += read_poses(data, connection.msgtype)
+                continue
+            names, positions, velocities, stamp_ns, all_names = reader.read(data)
+        except WireError as error:
+            raise UserError(f'{path}: a message on {connection.topic}: {error}') from None
+        # As in the node, the time of receipt replaces a missing stamp.
+        sample = feedback.update(names, positions, velocities, stamp_ns or received_ns)
+        if sample:
+            samples.append(sample)
+        else:
+            other_joints.update(all_names)
     if not samples:
         joints = {*feedback.left_names, *feedback.right_names}
         raise UserError(
@@ -118,92 +120,79 @@ def _of_one_frame(path: Path, topics: Topics, poses: list[StampedPose]) -> list[
     return [pose for pose in poses if (pose.frame, pose.child) in chosen]
 
 
-class _Reader:
-    """An open bag; every error of rosbags becomes a UserError."""
+def _messages(
+    path: Path, wanted: Mapping[str, Sequence[str]],
+) -> 'Iterator[tuple[Connection, int, bytes]]':
+    """Yield connection, time of receipt [ns] and bytes of messages, by topics and their types."""
+    from rosbags.rosbag2 import Reader
 
-    def __init__(self, path: Path) -> None:
-        from rosbags.rosbag2 import Reader
+    # A damaged file raises errors of rosbags, and of the parsers that rosbags uses; an error where
+    # a message is processed is not raised in here.
+    try:
+        with Reader(path) as bag:
+            yield from bag.messages([
+                connection for topic, kinds in wanted.items()
+                for connection in _connections(path, bag.connections, topic, kinds)])
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:
+        detail = ' '.join(str(error).split()) or type(error).__name__
+        repair = ' (mcap recover saves what is whole)' * (
+            path.suffix == '.mcap' or any(path.glob('*.mcap')))
+        raise UserError(
+            f'{path}: cannot be read as a bag, was it cut off?{repair} {detail}') from None
 
-        self._path = path
-        self._reader: Reader = self._guarded(Reader, path)
-        self._guarded(self._reader.open)
 
-    def __enter__(self) -> '_Reader':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._reader.close()
-
-    def connections(self, topic: str, kinds: Sequence[str]) -> 'list[Connection]':
-        """Return the connections of a topic, with or without its first slash."""
-        found = [
-            connection for connection in self._reader.connections
-            if connection.topic.strip('/') == topic.strip('/') and connection.msgtype in kinds]
-        if not found:
-            has = sorted({
-                f'{connection.topic} ({connection.msgtype.rpartition("/")[2]})'
-                for connection in self._reader.connections})
-            wanted = ' or '.join(kind.rpartition('/')[2] for kind in kinds)
-            raise UserError(
-                f'{self._path}: no {wanted} on {topic}; it has {", ".join(has) or "no topic"}')
-        return found
-
-    def messages(
-        self, connections: 'Sequence[Connection]',
-    ) -> 'Iterator[tuple[Connection, int, bytes]]':
-        """Yield connection, time of receipt [ns] and bytes."""
-        messages = iter(self._reader.messages(connections))
-        while (message := self._guarded(next, messages, None)) is not None:
-            yield message
-
-    def _guarded(self, function, *arguments):  # type: ignore[no-untyped-def]
-        # A damaged file raises errors of rosbags, and of the parsers that rosbags uses.
-        try:
-            return function(*arguments)
-        except (KeyboardInterrupt, MemoryError):
-            raise
-        except Exception as error:
-            detail = ' '.join(str(error).split()) or type(error).__name__
-            repair = ' (mcap recover saves what is whole)' * (
-                self._path.suffix == '.mcap' or any(self._path.glob('*.mcap')))
-            raise UserError(
-                f'{self._path}: cannot be read as a bag, was it cut off?{repair} {detail}'
-            ) from None
+def _connections(
+    path: Path, connections: 'Sequence[Connection]', topic: str, kinds: Sequence[str],
+) -> 'list[Connection]':
+    """Return the connections of a topic, with or without its first slash."""
+    found = [
+        connection for connection in connections
+        if connection.topic.strip('/') == topic.strip('/') and connection.msgtype in kinds]
+    if not found:
+        has = sorted({
+            f'{connection.topic} ({connection.msgtype.rpartition("/")[2]})'
+            for connection in connections})
+        wanted = ' or '.join(kind.rpartition('/')[2] for kind in kinds)
+        raise UserError(f'{path}: no {wanted} on {topic}; it has {", ".join(has) or "no topic"}')
+    return found
 
 
 # Writing
 
+@contextmanager
+def create_bag(path: Path, topics: Mapping[str, str]) -> 'Iterator[BagWriter]':
+    """
+    Create an .mcap file of messages on topics of known types; no file after an exception.
+
+    rosbags writes a folder around the file.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import get_typestore, Stores
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with tempfile.TemporaryDirectory(dir=path.resolve().parent) as folder:
+        with Writer(Path(folder) / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            yield BagWriter(store, writer, {
+                topic: writer.add_connection(topic, kind, typestore=store)
+                for topic, kind in topics.items()})
+        (Path(folder) / 'bag' / 'bag.mcap').replace(path)
+
+
+@dataclass(frozen=True)
 class BagWriter:
-    """An .mcap file of messages on topics of known types; rosbags writes a folder around it."""
+    """Writes messages into an open bag."""
 
-    def __init__(self, path: Path, topics: Mapping[str, str]) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import get_typestore, Stores
-
-        self._path = path
-        self.store = get_typestore(Stores.ROS2_JAZZY)
-        self._folder = tempfile.TemporaryDirectory(dir=path.resolve().parent)
-        self._writer = Writer(
-            Path(self._folder.name) / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
-        self._connections = {
-            topic: self._writer.add_connection(topic, kind, typestore=self.store)
-            for topic, kind in topics.items()}
-
-    def __enter__(self) -> 'BagWriter':
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._writer.close()
-        if kind is None:
-            (Path(self._folder.name) / 'bag' / 'bag.mcap').replace(self._path)
-        self._folder.cleanup()
+    store: 'Typestore'
+    writer: 'Writer'
+    connections: 'Mapping[str, Connection]'
 
     def write(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write a message, or its bytes, as received at its stamp."""
         if not isinstance(message, bytes):
             message = self.store.serialize_cdr(message, message.__msgtype__)
-        self._writer.write(self._connections[topic], stamp_ns, message)
+        self.writer.write(self.connections[topic], stamp_ns, message)
 
     def header(self, stamp_ns: int, frame: str) -> Any:
         """Return a header."""
@@ -236,7 +225,7 @@ def write_odometry(path: Path, config: OdometryConfig, samples: Sequence[WheelSa
     messages = OdometryWriter(
         config.odom_frame, config.base_frame, config.pose_variances, config.twist_variances)
     thinning = StampThinning(config.publish_rate) if config.publish_rate else None
-    with BagWriter(path, {'/odom': ODOMETRY}) as bag:
+    with create_bag(path, {'/odom': ODOMETRY}) as bag:
         for sample in samples:
             if sample.time_reset_ns is not None:
                 odometry.reset_time(sample.time_reset_ns)

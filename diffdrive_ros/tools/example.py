@@ -15,7 +15,7 @@ from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.simulation import RobotModel, SimulatedRobot
 from diffdrive_ros.tools import calibrate, replay
-from diffdrive_ros.tools.bags import BagWriter, JOINT_STATE, POSE_STAMPED
+from diffdrive_ros.tools.bags import create_bag, JOINT_STATE, POSE_STAMPED
 from diffdrive_ros.tools.command_line import run_tool
 from diffdrive_ros.tools.reports import replay_options
 import numpy as np
@@ -50,7 +50,7 @@ def record(path: Path, legs: Sequence[tuple[float, float, float]], seed: int) ->
     """Drive a robot; record its joint states and the motion capture as an .mcap."""
     robot = SimulatedRobot(TRUE, seed=seed)
     random = np.random.default_rng(seed)
-    with BagWriter(path, {'/joint_states': JOINT_STATE, '/mocap': POSE_STAMPED}) as bag:
+    with create_bag(path, {'/joint_states': JOINT_STATE, '/mocap': POSE_STAMPED}) as bag:
         stamp_ns = START_NS + seed * 10**12
         for linear, angular, seconds in (*legs, (0.0, 0.0, 0.5)):
             robot.command(*NOMINAL.wheel_speeds(linear, angular))

@@ -10,7 +10,7 @@ from diffdrive_ros.core.validation import UserError
 from diffdrive_ros.core.wheel_feedback import WheelFeedback, WheelSample
 from diffdrive_ros.tools import logs
 from diffdrive_ros.tools.bags import (
-    BagWriter,
+    create_bag,
     JOINT_STATE,
     POSE_STAMPED,
     read_poses,
@@ -167,7 +167,7 @@ def test_written_odometry_is_thinned_by_stamp(tmp_path):
 
 def test_written_joints_and_poses_are_read_back(tmp_path):
     path = tmp_path / 'run.mcap'
-    with BagWriter(path, {'/joint_states': JOINT_STATE, '/mocap': POSE_STAMPED}) as bag:
+    with create_bag(path, {'/joint_states': JOINT_STATE, '/mocap': POSE_STAMPED}) as bag:
         for index in range(3):
             bag.write_joints(
                 '/joint_states', START_NS + index, WHEELS, np.array([1.0, 2.0]) * index)
@@ -178,6 +178,6 @@ def test_written_joints_and_poses_are_read_back(tmp_path):
 
 
 def test_bag_is_not_written_after_an_error(tmp_path):
-    with pytest.raises(ZeroDivisionError), BagWriter(tmp_path / 'run.mcap', {}):
+    with pytest.raises(ZeroDivisionError), create_bag(tmp_path / 'run.mcap', {}):
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
