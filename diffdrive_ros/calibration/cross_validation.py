@@ -35,11 +35,11 @@ class FinalErrors:
 
 def calibrate_without(
     index: int, runs: Sequence[Run], nominal: DiffDrive, terms: Terms, calibration: Calibration,
-) -> Calibration:
+) -> Calibration | str:
     """
     Return the calibration by all runs but the one with this index, and but the outliers.
 
-    Of an outlier this is the given one. Raises UserError with the name of the run.
+    Of an outlier this is the given one. If there is none, return the name of the run and why.
     """
     if calibration.runs[index].outlier:
         return calibration
@@ -49,7 +49,7 @@ def calibrate_without(
     try:
         return calibrate(others, nominal, terms, keep_all=True)
     except UserError as error:
-        raise UserError(f'{runs[index].name}: no calibration without this run: {error}') from None
+        return f'{runs[index].name}: no calibration without this run: {error}'
 
 
 def compare_run(
@@ -67,12 +67,12 @@ def compare_run(
 
 def final_errors(
     index: int, run: Run, config: OdometryConfig, terms: Terms, calibration: Calibration,
-    fold: Calibration | UserError | None,
+    fold: Calibration | str | None,
 ) -> FinalErrors:
     """
     Return the final errors of the run with this index, as the calibration counts them.
 
-    config has the geometry before the calibration; fold is of calibrate_without, or its error.
+    config has the geometry before the calibration; fold is of calibrate_without.
     """
     def clock_offset(by: Calibration) -> float | None:
         try:
@@ -91,4 +91,4 @@ def final_errors(
     return FinalErrors(
         run.name, own, final_error(config.drive, calibration, own),
         final_error(calibration.drive, calibration, own),
-        cross_validated, bool(report.outlier), str(fold) if isinstance(fold, UserError) else '')
+        cross_validated, bool(report.outlier), fold if isinstance(fold, str) else '')

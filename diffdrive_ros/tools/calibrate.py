@@ -133,12 +133,8 @@ def calibrate_runs(options: argparse.Namespace) -> None:
 
     limit_threads()
     robot = _nominal_robot(options)
-    runs = []
-    for run in map_on_cores(
-            'Reading', _read_run, [(path, robot, topics_of(options)) for path in options.logs]):
-        if isinstance(run, UserError):
-            raise run
-        runs.append(run)
+    runs = map_on_cores(
+        'Reading', _read_run, [(path, robot, topics_of(options)) for path in options.logs])
     terms = Terms(
         clock_offset='clock-offset' not in options.without,
         marker='reference-offset' not in options.without)

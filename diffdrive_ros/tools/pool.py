@@ -1,42 +1,31 @@
 """A pool of processes with a progress bar."""
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed, Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 import os
 import signal
 from typing import TypeVar
-
-from diffdrive_ros.core.validation import UserError
 
 OutT = TypeVar('OutT')
 
 
 def map_on_cores(
     label: str, function: Callable[..., OutT], tasks: Sequence[tuple[object, ...]],
-) -> list[OutT | UserError]:
+) -> list[OutT]:
     """
-    Return what the function returns for each task, or the UserError that it raises.
+    Return what the function returns for each task.
 
-    Any other exception is raised here, Ctrl-C too: what has not begun is cancelled then.
+    An exception is raised here, Ctrl-C too: what has not begun is cancelled then.
     """
     from rich.console import Console
-    from rich.progress import Progress
-
-    def result(future: Future[OutT]) -> OutT | UserError:
-        try:
-            return future.result()
-        except UserError as error:
-            return error
+    from rich.progress import track
 
     console = Console(stderr=True)
     workers = max(1, min(len(tasks), os.cpu_count() or 1))
-    with ProcessPoolExecutor(workers, initializer=_begin_worker) as pool, Progress(
-            console=console, transient=True, disable=not console.is_terminal) as progress:
-        futures = [pool.submit(function, *task) for task in tasks]
+    with ProcessPoolExecutor(workers, initializer=_begin_worker) as pool:
         try:
-            for _ in progress.track(
-                    as_completed(futures), description=label, total=len(futures)):
-                pass
-            return [result(future) for future in futures]
+            return list(track(
+                pool.map(function, *zip(*tasks, strict=True)), label, len(tasks),
+                console=console, transient=True, disable=not console.is_terminal))
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

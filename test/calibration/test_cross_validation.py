@@ -6,7 +6,6 @@ from diffdrive_ros.calibration.model import Terms
 from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.odometry_config import OdometryConfig
 from diffdrive_ros.core.parameter_specs import checked_values, ODOMETRY
-from diffdrive_ros.core.validation import UserError
 import numpy as np
 import pytest
 
@@ -48,12 +47,11 @@ def test_a_run_without_cross_validation_has_no_such_error(runs, calibration):
 
 
 def test_failed_fold_is_reported_with_its_run_and_cause(runs, calibration):
-    with pytest.raises(UserError, match='no runs to calibrate by') as error:
-        calibrate_without(0, runs[:1], NOMINAL, Terms(), calibration)
-    assert str(error.value).startswith('square: no calibration without this run: ')
-    errors = final_errors(0, runs[0], CONFIG, Terms(), calibration, error.value)
+    failure = calibrate_without(0, runs[:1], NOMINAL, Terms(), calibration)
+    assert failure == 'square: no calibration without this run: no runs to calibrate by'
+    errors = final_errors(0, runs[0], CONFIG, Terms(), calibration, failure)
     assert errors.cross_validated is None
-    assert errors.failure == str(error.value)
+    assert errors.failure == failure
 
 
 def test_comparison_of_a_run_begins_with_its_first_pose(runs, calibration):
