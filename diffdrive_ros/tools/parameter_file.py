@@ -164,25 +164,19 @@ def write(
     path: Path, robot: RobotParameters, comments: Mapping[str, str], header: str,
 ) -> None:
     """Write the parameters of a robot for its node, each with its comment, after a header."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):  # type: ignore[misc]
+        """Strings in quotes: rcl reads more of them as booleans than PyYAML does."""
+
+    Dumper.add_representer(str, lambda dumper, text: dumper.represent_scalar(
+        'tag:yaml.org,2002:str', text, style='"' if '\n' in text else "'"))
     lines = [f'# {line}'.rstrip() for line in header.splitlines()]
     lines += [f'/**/{robot.node.rpartition("/")[2]}:', '  ros__parameters:']
     for name, value in robot.values.items():
         comment = f'  # {comments[name]}' if name in comments else ''
-        lines.append(f'    {name}: {_text(value)}{comment}')
+        text, *_ = yaml.dump(
+            value, Dumper=Dumper, default_flow_style=True, width=math.inf, allow_unicode=True,
+        ).splitlines()
+        lines.append(f'    {name}: {text}{comment}')
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
-
-
-def _text(value: object) -> str:
-    """Return a value as YAML of the same type: a double keeps its point."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return '.nan' if math.isnan(value) else '.inf' if value > 0.0 else '-.inf'
-        mantissa, mark, exponent = repr(value).partition('e')
-        return f'{mantissa if "." in mantissa else mantissa + ".0"}{mark}{exponent}'
-    if isinstance(value, (list, tuple)):
-        return f'[{", ".join(map(_text, value))}]'
-    if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
-    return str(value)
