@@ -5,7 +5,7 @@ With a reference (motion capture, a map) any runs serve. Without one, umbmark ta
 of squares driven both ways, and line-and-turn a straight line and a turn on the spot.
 """
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import json
 import os
 from pathlib import Path
@@ -13,6 +13,7 @@ from pathlib import Path
 from diffdrive_ros.calibration import node_parameters
 from diffdrive_ros.calibration.end_pose import EndPoseCalibration, line_and_turn, umbmark
 from diffdrive_ros.calibration.model import check_geometry, Run, Terms
+from diffdrive_ros.core.kinematics import DiffDrive
 from diffdrive_ros.core.validation import UserError
 from diffdrive_ros.tools import csv_logs, logs, parameter_file, reports
 from diffdrive_ros.tools.bags import Topics
@@ -75,7 +76,7 @@ def _add_umbmark(methods: 'argparse._SubParsersAction[argparse.ArgumentParser]')
     parser = methods.add_parser(
         'umbmark', help='end poses of squares driven both ways',
         description='Calibrate by the end poses of squares driven both ways (UMBmark).')
-    parser.set_defaults(run=calibrate_umbmark)
+    parser.set_defaults(run=calibrate_end_poses, solve=solve_umbmark)
     parser.add_argument(
         'ends', type=Path, metavar='CSV', help='direction,x,y a row: cw or ccw, measured end '
         'position minus that of odometry [m]')
@@ -89,7 +90,7 @@ def _add_line_and_turn(methods: 'argparse._SubParsersAction[argparse.ArgumentPar
     parser = methods.add_parser(
         'line-and-turn', help='a straight line and a turn on the spot',
         description='Calibrate by a straight line and a turn on the spot.')
-    parser.set_defaults(run=calibrate_line_and_turn)
+    parser.set_defaults(run=calibrate_end_poses, solve=solve_line_and_turn, ends=None)
     for name, text in (
             ('left', 'angle of the left wheel over the line [rad]'),
             ('right', 'angle of the right wheel over the line [rad]'),
@@ -182,37 +183,30 @@ def _read_run(path: Path, robot: RobotParameters, topics: Topics) -> Run:
             else '--reference-topic names its topic'))
     stamps, left, right = log.wheels()
     return Run(
-        log.name, (stamps - stamps[0]) * 1e-9, left, right,
+        path.stem, (stamps - stamps[0]) * 1e-9, left, right,
         (log.reference.stamps_ns - stamps[0]) * 1e-9, log.reference.poses)
 
 
-def calibrate_umbmark(options: argparse.Namespace) -> None:
-    """Calibrate by the end poses of squares; raises UserError."""
-    robot = _begin_end_poses(options, options.ends)
+def solve_umbmark(options: argparse.Namespace, nominal: DiffDrive) -> EndPoseCalibration:
+    """Return the geometry by the end poses of squares; raises ValueError."""
     ends = csv_logs.read_end_errors(options.ends)
-    _report_end_poses(options, robot, lambda: umbmark(
-        ends['cw'], ends['ccw'], options.side, robot.config.drive))
+    return umbmark(ends['cw'], ends['ccw'], options.side, nominal)
 
 
-def calibrate_line_and_turn(options: argparse.Namespace) -> None:
-    """Calibrate by a straight line and a turn on the spot; raises UserError."""
-    robot = _begin_end_poses(options)
-    _report_end_poses(options, robot, lambda: line_and_turn(
+def solve_line_and_turn(options: argparse.Namespace, nominal: DiffDrive) -> EndPoseCalibration:
+    """Return the geometry by a straight line and a turn on the spot; raises ValueError."""
+    return line_and_turn(
         (options.left, options.right), options.distance, options.sideways,
-        (options.turn_left, options.turn_right), options.heading, robot.config.drive))
+        (options.turn_left, options.turn_right), options.heading, nominal)
 
 
-def _begin_end_poses(options: argparse.Namespace, *inputs: Path) -> RobotParameters:
+def calibrate_end_poses(options: argparse.Namespace) -> None:
+    """Calibrate by end poses, as options.solve does; raises UserError."""
     check_outputs(
-        {'--output': options.output}, (*inputs, options.params_file), options.overwrite)
-    return _nominal_robot(options)
-
-
-def _report_end_poses(
-    options: argparse.Namespace, robot: RobotParameters, solve: Callable[[], EndPoseCalibration],
-) -> None:
+        {'--output': options.output}, (options.ends, options.params_file), options.overwrite)
+    robot = _nominal_robot(options)
     try:
-        found = solve()
+        found: EndPoseCalibration = options.solve(options, robot.config.drive)
     except ValueError as error:  # of a geometry that is none, too
         raise UserError(str(error)) from None
     check_geometry(

@@ -25,11 +25,6 @@ class Log:
     samples: list[WheelSample]
     reference: Trajectory | None
 
-    @property
-    def name(self) -> str:
-        """Return the name of the log in tables."""
-        return self.path.stem
-
     def wheels(self) -> tuple[npt.NDArray[np.int64], Array, Array]:
         """
         Return stamps [ns], left and right angles [rad], (N,), stamps increasing.

@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> None:
         options.json.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
     if options.plot:
         from diffdrive_ros.tools import plots
-        plots.draw_replay(options.plot, log.name, log.samples, replayed, comparisons)
+        plots.draw_replay(options.plot, options.log.stem, log.samples, replayed, comparisons)
 
 
 def replay_log(
