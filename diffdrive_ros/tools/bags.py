@@ -5,7 +5,7 @@ Wheels come from JointStates by the names of the joints, poses of the reference 
 PoseStamped, PoseWithCovarianceStamped or TF by topic; other messages are skipped unread. Messages
 are read from their bytes by core/cdr.py: rosbags' deserialiser takes 3 to 7 times as long.
 """
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -207,10 +207,10 @@ class BagWriter:
             self.header(stamp_ns, ''), list(names), positions, np.zeros(0), np.zeros(0)))
 
     def write_pose(
-        self, topic: str, stamp_ns: int, frame: str, pose: tuple[float, float, float],
+        self, topic: str, stamp_ns: int, frame: str, pose: Iterable[float],
     ) -> None:
         """Write a PoseStamped of a pose in the plane."""
-        x, y, theta = pose
+        x, y, theta = map(float, pose)
         types = self.store.types
         self.write(topic, stamp_ns, types[POSE_STAMPED](
             self.header(stamp_ns, frame), types['geometry_msgs/msg/Pose'](

@@ -29,9 +29,8 @@ def read_csv(path: Path) -> tuple[list[WheelSample], list[StampedPose] | None]:
     """Return the samples of the wheels, and the poses if there are columns; raises UserError."""
     samples: list[WheelSample] = []
     poses: list[StampedPose] = []
-    rows = _rows(path, COLUMNS, COLUMNS_WITH_REFERENCE)
-    _, header = next(rows)
-    for where, row in rows:
+    row: list[str] = []
+    for where, row in _rows(path, COLUMNS, COLUMNS_WITH_REFERENCE):
         stamp_ns = _stamp_ns(row[0], where)
         if row[1].strip() or row[2].strip():
             left, right = _numbers(row[1:3], where)
@@ -46,15 +45,13 @@ def read_csv(path: Path) -> tuple[list[WheelSample], list[StampedPose] | None]:
         if any(field.strip() for field in row[3:]):
             x, y, theta = _numbers(row[3:], where)
             poses.append(StampedPose(stamp_ns, '', '', (x, y, theta)))
-    return samples, poses if header == COLUMNS_WITH_REFERENCE else None
+    return samples, poses if len(row) == len(COLUMNS_WITH_REFERENCE) else None
 
 
 def read_end_errors(path: Path) -> dict[str, Array]:
     """Return the end errors of squares by direction, cw and ccw, (N, 2); raises UserError."""
     errors: dict[str, list[list[float]]] = {'cw': [], 'ccw': []}
-    rows = _rows(path, ['direction', 'x', 'y'])
-    next(rows)
-    for where, row in rows:
+    for where, row in _rows(path, ['direction', 'x', 'y']):
         if row[0] not in errors:
             raise UserError(f'{where}: direction = {row[0]}: must be cw or ccw')
         errors[row[0]].append(_numbers(row[1:], where))
@@ -65,7 +62,7 @@ def read_end_errors(path: Path) -> dict[str, Array]:
 
 
 def _rows(path: Path, *headers: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Yield the rows of a CSV, each with its line number, the header first; raises UserError."""
+    """Yield the rows of a CSV, each with its line number, the header checked; raises UserError."""
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
             rows = csv.reader(_whole_lines(path, file))
@@ -74,7 +71,6 @@ def _rows(path: Path, *headers: list[str]) -> Iterator[tuple[str, list[str]]]:
                 raise UserError(
                     f'{path}: the header is {",".join(header) or "missing"}, must be '
                     + ' or '.join(','.join(each) for each in headers))
-            yield str(path), header
             for row in rows:
                 where = f'{path}, line {rows.line_num}'
                 if not ''.join(row).strip():

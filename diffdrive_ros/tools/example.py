@@ -34,6 +34,7 @@ RATE = 50.0  # [Hz] of the wheels
 CAPTURE_EVERY = 2  # samples of the wheels
 CAPTURE_STD = (0.001, 0.004)  # [m], [rad]
 MARKER = (0.021, -0.008, 0.03)
+FRAME = (1.2, -0.7, 2.0)  # the odometry's, as the capture has it
 START_NS = 1_795_000_000 * 10**9
 
 # Legs of linear [m/s] and angular [rad/s] speed and seconds.
@@ -59,16 +60,11 @@ def record(path: Path, legs: Sequence[tuple[float, float, float]], seed: int) ->
                     '/joint_states', stamp_ns, ('left_wheel_joint', 'right_wheel_joint'),
                     robot.encoders)
                 if count % CAPTURE_EVERY == 0:
-                    bag.write_pose('/mocap', stamp_ns, 'world', captured(robot, random))
+                    marker = se2.compose(FRAME, se2.compose(robot.pose, MARKER))
+                    noise = random.normal(size=3) * [CAPTURE_STD[0], *CAPTURE_STD]
+                    bag.write_pose('/mocap', stamp_ns, 'world', marker + noise)
                 robot.advance(1.0 / RATE)
                 stamp_ns += round(1e9 / RATE)
-
-
-def captured(robot: SimulatedRobot, random: np.random.Generator) -> tuple[float, float, float]:
-    """Return the pose of the marker as captured, in the frame of the capture."""
-    pose = se2.compose([1.2, -0.7, 2.0], se2.compose(robot.pose, MARKER))
-    x, y, theta = pose + random.normal(size=3) * [CAPTURE_STD[0], *CAPTURE_STD]
-    return float(x), float(y), float(theta)
 
 
 def run(folder: Path) -> None:
