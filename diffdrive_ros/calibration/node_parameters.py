@@ -25,27 +25,25 @@ def from_runs(
         std or old or ruler for std, old, ruler in zip(
             astuple(calibration.uncertainty), astuple(before.geometry_uncertainty), RULER_STD_M,
             strict=True)]
-    return _rounded(_multipliers(nominal, calibration.drive) | {
-        'left_wheel_travel_variance': noise.left_travel,
-        'right_wheel_travel_variance': noise.right_travel,
-        'turn_variance': noise.turn or before.noise.turn,
-    } | _stds(stds))
+    return _parameters(
+        nominal, calibration.drive, stds, left_wheel_travel_variance=noise.left_travel,
+        right_wheel_travel_variance=noise.right_travel,
+        turn_variance=noise.turn or before.noise.turn)
 
 
 def from_end_poses(calibration: EndPoseCalibration, nominal: DiffDrive) -> dict[str, float]:
     """Return the parameters by end poses; their uncertainty is at least that of a ruler."""
     stds = np.maximum(np.sqrt(np.diag(calibration.covariance)), RULER_STD_M).tolist()
-    return _rounded(_multipliers(nominal, calibration.drive) | _stds(stds))
+    return _parameters(nominal, calibration.drive, stds)
 
 
-def _multipliers(nominal: DiffDrive, drive: DiffDrive) -> dict[str, float]:
-    return {f'{name}_multiplier': getattr(drive, name) / getattr(nominal, name)
-            for name in GEOMETRY_PARAMETERS}
-
-
-def _stds(stds: Sequence[float]) -> dict[str, float]:
-    return {f'{name}_std': std for name, std in zip(GEOMETRY_PARAMETERS, stds, strict=True)}
-
-
-def _rounded(parameters: dict[str, float]) -> dict[str, float]:
+def _parameters(
+    nominal: DiffDrive, drive: DiffDrive, stds: Sequence[float], **noise: float,
+) -> dict[str, float]:
+    """Return the multipliers of the nominal geometry, the noise and the deviations, rounded."""
+    parameters = {
+        **{f'{name}_multiplier': getattr(drive, name) / getattr(nominal, name)
+           for name in GEOMETRY_PARAMETERS},
+        **noise,
+        **{f'{name}_std': std for name, std in zip(GEOMETRY_PARAMETERS, stds, strict=True)}}
     return {name: float(f'{value:.9g}') for name, value in parameters.items()}
