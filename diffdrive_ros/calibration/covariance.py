@@ -45,8 +45,8 @@ def components(
     position, heading = np.diag([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 1.0])
     correlation = np.exp(-np.abs(np.subtract.outer(seconds, seconds)) / CORRELATION_TIME_S)
     return np.stack([
-        _random_walk(from_origin, linear.left_noise + linear.right_noise),
-        _random_walk(from_origin, linear.turn_noise),
+        _random_walk(from_origin, linear.noise[0] + linear.noise[1]),
+        _random_walk(from_origin, linear.noise[2]),
         np.outer(by_separation, by_separation),
         _white(np.tile(position, (count, 1, 1)), weights),
         _white(np.tile(heading, (count, 1, 1)), weights),

@@ -32,7 +32,7 @@ from diffdrive_ros.calibration.residuals import (
 )
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.odometry import ORIGIN, WheelNoise
+from diffdrive_ros.core.odometry import WheelNoise
 from diffdrive_ros.core.validation import Array, UserError
 import numpy as np
 
@@ -243,7 +243,9 @@ class _Fit:
                 solution = self.solve()
             except np.linalg.LinAlgError:
                 continue
-            if np.linalg.cond(_scaled(solution.information)) > 1e12:
+            # The condition of the information with a diagonal of ones.
+            size = np.sqrt(np.maximum(np.diag(solution.information), 1e-300))
+            if np.linalg.cond(solution.information / size / size[:, np.newaxis]) > 1e12:
                 continue
             if (self.estimate.relative_std(solution.covariance) < MAX_RELATIVE_STD).all():
                 self.estimate.turns = 0 in self.estimate.free
@@ -321,17 +323,6 @@ class _Fit:
                 if estimate.terms.marker else np.zeros(3)),
             unobservable=self.unobservable,
             runs=tuple(
-                _outlier_report(run, outliers[index]) if index in outliers
-                else report_of(next(states), estimate) for index, run in enumerate(runs)))
-
-
-def _outlier_report(run: Run, reason: str) -> RunReport:
-    return RunReport(
-        run.name, np.array(ORIGIN), 0.0, reason, np.zeros(0), np.zeros((0, 3)), np.zeros(0))
-
-
-def _scaled(matrix: Array) -> Array:
-    """Return a matrix with a diagonal of ones."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled: Array = matrix / size / size[:, np.newaxis]
-    return scaled
+                RunReport(run.name, 0.0, outliers[index], np.zeros(0), np.zeros((0, 3)))
+                if index in outliers else report_of(next(states), estimate)
+                for index, run in enumerate(runs)))

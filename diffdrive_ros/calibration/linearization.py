@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.core.odometry import integrate, ORIGIN, WheelNoise
+from diffdrive_ros.core.odometry import integrate, ORIGIN
 from diffdrive_ros.core.validation import Array
 import numpy as np
 import numpy.typing as npt
@@ -25,29 +25,19 @@ class Linearization:
 
     by_geometry, (N, 3, 3): derivatives by wheel_separation, left_wheel_radius and
     right_wheel_radius, in columns. by_start, (N, 3, 3): by the start pose. seen_from, (N, 3, 3):
-    T, which maps errors seen from the world's origin to errors of the pose. left_noise,
-    right_noise and turn_noise, (N, 3, 3): covariances seen from the origin, for one unit of the
-    respective parameter of WheelNoise.
+    T, which maps errors seen from the world's origin to errors of the pose. noise,
+    (3, N, 3, 3): covariances seen from the origin, for one unit of each parameter of WheelNoise.
     """
 
     poses: Array
     by_geometry: Array
     by_start: Array
     seen_from: Array
-    left_noise: Array
-    right_noise: Array
-    turn_noise: Array
+    noise: Array
     by_steps: Array
     """Derivatives of all steps, seen from the origin: by left travel, right travel and turn."""
     variances: Array
     """Of all steps, for one unit of each parameter of WheelNoise, (M - 1, 3)."""
-
-    def covariances(self, noise: WheelNoise) -> Array:
-        """Return the covariance of each pose by the noise of the wheels, (N, 3, 3)."""
-        seen = (noise.left_travel * self.left_noise + noise.right_travel * self.right_noise
-                + noise.turn * self.turn_noise)
-        covariances: Array = self.seen_from @ seen @ self.seen_from.transpose(0, 2, 1)
-        return covariances
 
 
 def linearize(
@@ -80,19 +70,19 @@ def linearize(
     by_steps = np.stack([by_left, by_right, by_turn], axis=-1)
     variances = np.abs(np.stack([
         drive.left_wheel_radius * d_left, drive.right_wheel_radius * d_right, turn], axis=-1))
-    left_noise, right_noise, turn_noise = (
-        _covariance_sum(variances[:, which], by_steps[:, :, which])[chosen] for which in range(3))
-    seen_from = _seen_from(poses)
+    seen_from = seen_from_origin(poses)
     return Linearization(
         poses=poses[chosen],
         by_geometry=seen_from[chosen] @ _cumulative_sum(geometry)[chosen],
         by_start=seen_from[chosen] @ np.linalg.inv(seen_from[0]),
         seen_from=seen_from[chosen],
-        left_noise=left_noise, right_noise=right_noise, turn_noise=turn_noise,
+        noise=np.stack([
+            _covariance_sum(variances[:, which], by_steps[:, :, which])[chosen]
+            for which in range(3)]),
         by_steps=by_steps, variances=variances)
 
 
-def _seen_from(poses: Array) -> Array:
+def seen_from_origin(poses: Array) -> Array:
     """Return T of each pose, (N, 3, 3)."""
     matrices = np.tile(np.eye(3), (len(poses), 1, 1))
     matrices[:, 0, 2], matrices[:, 1, 2] = -poses[:, 1], poses[:, 0]

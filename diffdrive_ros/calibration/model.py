@@ -112,14 +112,12 @@ class RunReport:
     """Result of a calibration for one run; residuals are (K, 3), at distances (K,) [m]."""
 
     name: str
-    start: Array
     clock_offset: float
     """Offset of the wheels' clock from the reference's, positive if it is ahead [s]."""
     outlier: str
     """Why the run is an outlier, which the fit leaves out; '' if it is none."""
     distances: Array = field(repr=False)
     residuals: Array = field(repr=False)
-    weights: Array = field(repr=False)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,11 @@ from dataclasses import dataclass, replace
 import math
 
 from diffdrive_ros.calibration.covariance import components
-from diffdrive_ros.calibration.linearization import Linearization, linearize
+from diffdrive_ros.calibration.linearization import (
+    Linearization,
+    linearize,
+    seen_from_origin,
+)
 from diffdrive_ros.calibration.model import Run, RunReport, Terms
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.kinematics import DiffDrive
@@ -108,17 +112,11 @@ def residuals_of(state: RunState, estimate: Estimate) -> Residuals:
         for interval in (RATE_INTERVAL_S, -RATE_INTERVAL_S))
     rate = (later - earlier) / RATE_INTERVAL_S
     # Errors of the body's pose and of the marker on it, as errors of the marker's pose.
-    count = len(poses)
-    moves = np.tile(np.eye(3), (count, 1, 1))
-    moves[:, 0, 2], moves[:, 1, 2] = -(markers - poses)[:, 1], (markers - poses)[:, 0]
+    moves = seen_from_origin(markers - poses)
     geometry = moves @ linear.by_geometry @ by_logarithms(drive)
     common, own = [geometry[:, :, estimate.free]], [moves @ linear.by_start]
     if estimate.terms.marker:
-        rotation = np.tile(np.eye(3), (count, 1, 1))
-        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        rotation[:, 0, 0], rotation[:, 0, 1] = cos, -sin
-        rotation[:, 1, 0], rotation[:, 1, 1] = sin, cos
-        common.append(rotation)
+        common.append(se2.adjoint(poses * [0.0, 0.0, 1.0]))  # the rotation alone
     if estimate.terms.clock_offset:
         own.append(rate[:, :, np.newaxis])
     values = run.reference - markers
@@ -175,6 +173,5 @@ def report_of(state: RunState, estimate: Estimate) -> RunReport:
     residuals[:, 2] = se2.wrap_angle(residuals[:, 2])
     radius = 0.25 * (drive.left_wheel_radius + drive.right_wheel_radius)
     return RunReport(
-        run.name, state.start, state.clock_offset, '',
-        radius * np.interp(run.reference_seconds, run.seconds, run.wheel_travel()), residuals,
-        state.weights)
+        run.name, state.clock_offset, '',
+        radius * np.interp(run.reference_seconds, run.seconds, run.wheel_travel()), residuals)

@@ -5,6 +5,7 @@ from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, Odometry
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
+from support.optiodom import noise_covariances
 from support.sensitivity import geometry_sensitivity
 from support.strategies import drives, metres, poses
 
@@ -40,7 +41,7 @@ def test_linearize_whole_run_agrees_with_odometry(drive, steps, start):
     assert linear.by_geometry[-1] == pytest.approx(
         sensitivity, abs=1e-11 * size * (1.0 + np.abs(sensitivity).max()))
     # Both contain the least covariance of the start pose.
-    assert linear.covariances(NOISE)[-1] == pytest.approx(
+    assert noise_covariances(linear, NOISE)[-1] == pytest.approx(
         odometry.pose_covariance - noiseless.pose_covariance,
         rel=1e-9, abs=1e-11 * size**2 * (1.0 + np.abs(odometry.pose_covariance).max()))
 
@@ -62,4 +63,5 @@ def test_linearize_chosen_samples_agree_with_the_whole_run():
         slice(None), [0, 2, 4]))
     assert np.array_equal(chosen.poses, whole.poses[[0, 2, 4]])
     assert np.array_equal(chosen.by_geometry, whole.by_geometry[[0, 2, 4]])
-    assert np.array_equal(chosen.covariances(NOISE), whole.covariances(NOISE)[[0, 2, 4]])
+    assert np.array_equal(
+        noise_covariances(chosen, NOISE), noise_covariances(whole, NOISE)[[0, 2, 4]])

@@ -4,6 +4,7 @@ The OptiOdom recordings as runs and as logs: see ../shared/data/optiodom/README.
 As a program it writes them as CSVs for the tools, into a folder:
 python test/support/optiodom.py FOLDER.
 """
+from dataclasses import astuple
 import math
 from pathlib import Path
 import sys
@@ -70,11 +71,17 @@ def mean_nees(found, recordings):
         error[2] = se2.wrap_angle(error[2])
         geometry, start = linear.by_geometry[-1], linear.by_start[-1]
         covariance = (
-            linear.covariances(found.noise)[-1]
+            noise_covariances(linear, found.noise)[-1]
             + geometry @ found.predictive_covariance @ geometry.T + capture + slow
             + start @ (0.5 * math.pi / 20.0 * capture + slow) @ start.T)
         scores.append(error @ np.linalg.solve(covariance, error) / 3.0)
     return float(np.mean(scores))
+
+
+def noise_covariances(linear, noise):
+    """Return the covariance of each pose of a linearization by the wheels' noise, (N, 3, 3)."""
+    seen = sum(value * each for value, each in zip(astuple(noise), linear.noise, strict=True))
+    return linear.seen_from @ seen @ linear.seen_from.transpose(0, 2, 1)
 
 
 def main(folder):
