@@ -2,10 +2,10 @@
 
 
 class StampThinning:
-    """Selects messages at a rate [Hz], positive, by their stamps [ns]."""
+    """Selects messages at a rate [Hz], or all if it is 0, by their stamps [ns]."""
 
     def __init__(self, rate: float) -> None:
-        self._period_ns = round(1e9 / rate)
+        self._period_ns = round(1e9 / rate) if rate else 0
         self._due_ns: int | None = None
 
     def reset_time(self) -> None:

@@ -76,7 +76,7 @@ class OdomPublisher:
                 node.get_logger().info(
                     '/tf: tf2_msgs is not installed, no transform is published; install '
                     'tf2_msgs, or use the pose in odom')
-        self._thinning = StampThinning(config.publish_rate) if config.publish_rate else None
+        self._thinning = StampThinning(config.publish_rate)
         if not config.open_loop:
             node.create_subscription(
                 JointState, 'joint_states', self.on_joint_states, FROM_ANY_DRIVER, raw=True,
@@ -118,8 +118,7 @@ class OdomPublisher:
         left, right, sample_ns, time_reset_ns = sample
         if time_reset_ns is not None:
             self.odometry.reset_time(time_reset_ns)
-            if self._thinning is not None:
-                self._thinning.reset_time()
+            self._thinning.reset_time()
         try:
             is_new = self.odometry.update(left, right, sample_ns)
         except ValueError as error:  # a step that overflows, by its noise or geometry
@@ -128,7 +127,7 @@ class OdomPublisher:
         self.sampled_at = monotonic()
         if odom_ns is None:
             odom_ns = sample_ns
-        if is_new and (self._thinning is None or self._thinning.is_due(odom_ns)):
+        if is_new and self._thinning.is_due(odom_ns):
             estimate = self.odometry.estimate()
             self._publish(self._writer.write(odom_ns, estimate))
             if self._transforms is not None:

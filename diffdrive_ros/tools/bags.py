@@ -224,14 +224,13 @@ def write_odometry(path: Path, config: OdometryConfig, samples: Sequence[WheelSa
     odometry = config.odometry()
     messages = OdometryWriter(
         config.odom_frame, config.base_frame, config.pose_variances, config.twist_variances)
-    thinning = StampThinning(config.publish_rate) if config.publish_rate else None
+    thinning = StampThinning(config.publish_rate)
     with create_bag(path, {'/odom': ODOMETRY}) as bag:
         for sample in samples:
             if sample.time_reset_ns is not None:
                 odometry.reset_time(sample.time_reset_ns)
-                if thinning:
-                    thinning.reset_time()
+                thinning.reset_time()
             is_new = odometry.update(sample.left, sample.right, sample.stamp_ns)
-            if is_new and (thinning is None or thinning.is_due(sample.stamp_ns)):
+            if is_new and thinning.is_due(sample.stamp_ns):
                 bag.write(
                     '/odom', sample.stamp_ns, messages.write(sample.stamp_ns, odometry.estimate()))

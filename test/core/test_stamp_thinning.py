@@ -28,3 +28,8 @@ def test_thinning_keeps_the_rate_of_a_faster_stream(period_ns: int) -> None:
     thinning = StampThinning(20.0)
     selected = sum(thinning.is_due(START_NS + k * period_ns) for k in range(2000))
     assert abs(selected - 2000 * period_ns / 50e6) <= 1.0 + 2000 * period_ns / 50e6 * 1e-3
+
+
+def test_thinning_with_rate_zero_selects_every_message() -> None:
+    thinning = StampThinning(0.0)
+    assert [thinning.is_due(START_NS + step) for step in (0, 20, 20, -10)] == [True] * 4
