@@ -40,7 +40,7 @@ def test_written_values_are_read_back_to_the_last_digit(tmp_path):
         'wheel_separation': 0.1 + 0.2, 'wheel_radius': 1.0 / 19.0, 'turn_variance': 1.0 / 3e7,
         'left_wheel_names': ["it's", 'b'], 'right_wheel_names': ['c', 'd'],
         'cmd_vel_timeout': 1e22, 'open_loop': False, 'odom_frame_id': '5e-6',
-        'linear.x.max_velocity': math.inf,
+        'linear.x.max_velocity': math.inf, 'robot_description': '<a>\n  <b/>\n</a>\n',
         'max_wheel_speed': math.nan}
     path = tmp_path / 'robot.yaml'
     parameter_file.write(path, RobotParameters.of(values), {}, 'Written.')
