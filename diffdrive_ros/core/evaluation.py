@@ -7,9 +7,8 @@ RPE are root mean squares as of Sturm et al., A Benchmark for the Evaluation of 
 needs no alignment and is by distance driven.
 """
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 import math
-from typing import Any
 
 from diffdrive_ros.core import se2
 from diffdrive_ros.core.validation import Array
@@ -42,10 +41,6 @@ class Evaluation:
     rpe: tuple[RelativeError, ...]
     nees_final: float | None = None
     nees_mean: float | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the figures for json.dumps."""
-        return asdict(self)
 
 
 def distances_along(poses: Array) -> Array:

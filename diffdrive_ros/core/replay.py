@@ -103,7 +103,7 @@ class Comparison:
 
 def compare(
     replayed: ReplayedOdometry, reference: Trajectory, *, alignment: str = 'start',
-    marker: Array | None = None, clock_offset: float = 0.0,
+    marker: npt.ArrayLike | None = None, clock_offset: float = 0.0,
     reference_std: tuple[float, float] = (0.0, 0.0),
 ) -> Comparison:
     """

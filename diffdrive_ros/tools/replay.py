@@ -32,7 +32,6 @@ from diffdrive_ros.tools.command_line import (
 )
 from diffdrive_ros.tools.logs import Log
 from diffdrive_ros.tools.parameter_file import RobotParameters
-import numpy as np
 
 OUTPUTS = ('.tum', '.txt', '.csv', '.mcap')
 
@@ -87,14 +86,14 @@ def run(options: argparse.Namespace) -> None:
             comparisons[name] = comparison
     figures = {name: each.figures for name, each in comparisons.items()}
     last = replayed[name]
-    print(f'{options.log}: {len(last.stamps_ns)} poses in {reports.duration(last):.1f} s')
+    content = reports.replay_json(
+        str(options.log), last, figures, options.alignment or 'start')
+    print(f'{options.log}: {content["poses"]} poses in {content["seconds"]:.1f} s')
     if figures:
         print(reports.replay_table(figures, options.alignment or 'start'))
     if options.output:
         write_poses(options.output, log, last, robot)
     if options.json:
-        content = reports.replay_json(
-            str(options.log), last, figures, options.alignment or 'start')
         options.json.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
     if options.plot:
         from diffdrive_ros.tools import plots
@@ -113,15 +112,12 @@ def replay_log(
                     f'--{option.replace("_", "-")}: does nothing without a reference')
         return replay(config, log.samples, interval), None
     alignment, clock_offset = options.alignment or 'start', options.clock_offset or 0.0
-    reset_ns = None
-    if alignment == 'start':
-        reset_ns = comparison_start_ns(log.samples, log.reference, clock_offset)
+    reset_ns = comparison_start_ns(
+        log.samples, log.reference, clock_offset) if alignment == 'start' else None
     replayed = replay(config, log.samples, interval, reset_ns)
-    offset = options.reference_offset
     return replayed, compare(
         replayed, log.reference, alignment=alignment, clock_offset=clock_offset,
-        marker=None if offset is None else np.array(offset),
-        reference_std=tuple(options.reference_std or (0.0, 0.0)))
+        marker=options.reference_offset, reference_std=tuple(options.reference_std or (0.0, 0.0)))
 
 
 def write_poses(path: Path, log: Log, replayed: ReplayedOdometry, robot: RobotParameters) -> None:

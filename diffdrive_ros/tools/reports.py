@@ -1,5 +1,6 @@
 """Reports of the tools: tables for people, dictionaries for json.dumps."""
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, TYPE_CHECKING
 
 from diffdrive_ros.calibration.end_pose import EndPoseCalibration
@@ -51,14 +52,10 @@ def replay_json(
 ) -> dict[str, Any]:
     """Return the figures of each replay, by before and after, or figures if there is one."""
     return {
-        'log': log, 'poses': len(replayed.stamps_ns), 'seconds': duration(replayed),
+        'log': log, 'poses': len(replayed.stamps_ns),
+        'seconds': float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9,
         'final_pose': replayed.poses[-1].tolist(), 'alignment': alignment if columns else None,
-        **{name or 'figures': each.as_json() for name, each in columns.items()}}
-
-
-def duration(replayed: ReplayedOdometry) -> float:
-    """Return the time from the first pose to the last [s]."""
-    return float(replayed.stamps_ns[-1] - replayed.stamps_ns[0]) * 1e-9
+        **{name or 'figures': asdict(each) for name, each in columns.items()}}
 
 
 # Calibration by runs
