@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import json
 import os
 from pathlib import Path
+from typing import TypeAlias
 
 from diffdrive_ros.calibration import node_parameters
 from diffdrive_ros.calibration.end_pose import EndPoseCalibration, line_and_turn, umbmark
@@ -28,6 +29,8 @@ from diffdrive_ros.tools.command_line import (
 )
 from diffdrive_ros.tools.parameter_file import RobotParameters
 from diffdrive_ros.tools.pool import limit_threads, map_on_cores
+
+Methods: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 OFFSETS = ('clock-offset', 'reference-offset')
 
@@ -54,14 +57,12 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _add_runs(methods: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    parser = methods.add_parser(
-        'runs', help='logs of runs with a reference',
-        description='Calibrate by logs of runs with a reference.')
-    parser.set_defaults(run=calibrate_runs)
+def _add_runs(methods: Methods) -> None:
+    parser = _add_method(
+        methods, 'runs', 'logs of runs with a reference', json='result, with its covariance',
+        run=calibrate_runs)
     parser.add_argument(
         'logs', type=Path, nargs='+', metavar='LOG', help=f'each a {logs.HELP}')
-    _add_nominal(parser)
     add_log_options(parser)
     group = parser.add_argument_group('fit')
     group.add_argument(
@@ -69,28 +70,23 @@ def _add_runs(methods: 'argparse._SubParsersAction[argparse.ArgumentParser]') ->
         help='do not estimate the offset of the clocks, or the pose of the marker on the robot')
     group.add_argument(
         '--no-validation', action='store_true', help='do not cross-validate over the runs')
-    _add_output(add_output_options(parser, json='result, with its covariance'))
 
 
-def _add_umbmark(methods: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    parser = methods.add_parser(
-        'umbmark', help='end poses of squares driven both ways',
-        description='Calibrate by the end poses of squares driven both ways (UMBmark).')
-    parser.set_defaults(run=calibrate_end_poses, solve=solve_umbmark)
+def _add_umbmark(methods: Methods) -> None:
+    parser = _add_method(
+        methods, 'umbmark', 'end poses of squares driven both ways (UMBmark)',
+        run=calibrate_end_poses, solve=solve_umbmark)
     parser.add_argument(
         'ends', type=Path, metavar='CSV', help='direction,x,y a row: cw or ccw, measured end '
         'position minus that of odometry [m]')
     parser.add_argument(
         '--side', type=number(0.01, 1e3), required=True, help='length of the sides [m]')
-    _add_nominal(parser)
-    _add_output(add_output_options(parser))
 
 
-def _add_line_and_turn(methods: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    parser = methods.add_parser(
-        'line-and-turn', help='a straight line and a turn on the spot',
-        description='Calibrate by a straight line and a turn on the spot.')
-    parser.set_defaults(run=calibrate_end_poses, solve=solve_line_and_turn, ends=None)
+def _add_line_and_turn(methods: Methods) -> None:
+    parser = _add_method(
+        methods, 'line-and-turn', 'a straight line and a turn on the spot',
+        run=calibrate_end_poses, solve=solve_line_and_turn, ends=None)
     for name, text in (
             ('left', 'angle of the left wheel over the line [rad]'),
             ('right', 'angle of the right wheel over the line [rad]'),
@@ -101,11 +97,14 @@ def _add_line_and_turn(methods: 'argparse._SubParsersAction[argparse.ArgumentPar
             ('heading', 'of the robot over the turn, counter-clockwise, whole turns counted '
              '[rad]')):
         parser.add_argument(name, type=float, metavar=name.upper(), help=text)
-    _add_nominal(parser)
-    _add_output(add_output_options(parser))
 
 
-def _add_nominal(parser: argparse.ArgumentParser) -> None:
+def _add_method(
+    methods: Methods, name: str, text: str, json: str | None = None, **defaults: object,
+) -> argparse.ArgumentParser:
+    """Add a subcommand with the options that all have: the nominal robot, and outputs."""
+    parser = methods.add_parser(name, help=text, description=f'Calibrate by {text}.')
+    parser.set_defaults(**defaults)
     group = parser.add_argument_group('nominal robot')
     one = group.add_mutually_exclusive_group(required=True)
     one.add_argument('--params-file', type=Path, metavar='FILE', help='parameter file of the node')
@@ -113,11 +112,9 @@ def _add_nominal(parser: argparse.ArgumentParser) -> None:
         '--geometry', type=number(1e-3, 1e2), nargs=2, metavar=('SEPARATION', 'RADIUS'),
         help='wheel_separation and wheel_radius [m], in place of a file')
     add_node_option(group)
-
-
-def _add_output(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
+    add_output_options(parser, json).add_argument(
         '--output', type=Path, metavar='FILE', help='parameter file for the node')
+    return parser
 
 
 # The methods
