@@ -92,7 +92,7 @@ class Run:
 
     def trajectory(self) -> Trajectory:
         """Return the reference, for a comparison."""
-        return Trajectory(_nanoseconds(self.reference_seconds), self.reference, '')
+        return Trajectory(_nanoseconds(self.reference_seconds), self.reference)
 
 
 def _nanoseconds(seconds: Array) -> npt.NDArray[np.int64]:

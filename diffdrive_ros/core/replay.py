@@ -24,7 +24,6 @@ class Trajectory:
 
     stamps_ns: npt.NDArray[np.int64]
     poses: Array
-    frame: str
 
 
 @dataclass(frozen=True)

@@ -73,4 +73,4 @@ def _trajectory(path: Path, poses: list[StampedPose]) -> Trajectory:
     stamps = sorted(finite)
     array = np.array([finite[stamp].pose for stamp in stamps])
     array[:, 2] = np.unwrap(array[:, 2])
-    return Trajectory(np.array(stamps), array, finite[stamps[0]].frame)
+    return Trajectory(np.array(stamps), array)

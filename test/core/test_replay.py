@@ -21,7 +21,7 @@ def runs_with_noise(count):
         stamps = np.arange(201) * 50_000_000
         samples = [WheelSample(left, right, stamp) for (left, right), stamp in zip(
             angles.tolist(), stamps.tolist(), strict=True)]
-        yield samples, Trajectory(stamps, true + 1e-4 * random.normal(size=true.shape), 'world')
+        yield samples, Trajectory(stamps, true + 1e-4 * random.normal(size=true.shape))
 
 
 @pytest.mark.parametrize('begin', [0, 120])
@@ -32,7 +32,7 @@ def test_nees_of_a_late_reference_is_one(begin):
         'right_wheel_travel_variance': 1e-9, 'turn_variance': 0.0}))
     scores = []
     for samples, reference in runs_with_noise(200):
-        part = Trajectory(reference.stamps_ns[begin:], reference.poses[begin:], 'world')
+        part = Trajectory(reference.stamps_ns[begin:], reference.poses[begin:])
         reset_ns = comparison_start_ns(samples, part, 0.0)
         compared = compare(
             replay(config, samples, reset_ns=reset_ns), part,
