@@ -8,21 +8,15 @@ import argparse
 from collections.abc import Sequence
 from contextlib import nullcontext
 import os
-import secrets
 import signal
 import socket
 import sys
 
-from diffdrive_ros.dashboard.access_control import LOOPBACK
 from diffdrive_ros.node.robot_processes import RobotEndedError, running_robot, used_topics
-from diffdrive_ros.node.runner import START_ERRORS, STOP_SIGNALS
+from diffdrive_ros.node.runner import START_ERRORS, StartError, STOP_SIGNALS
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
-
-
-class DashboardError(Exception):
-    """The dashboard cannot start; the message is the reason."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -48,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     catch_signals()
     try:
         run(options, arguments)
-    except (DashboardError, RobotEndedError) as error:
+    except (StartError, RobotEndedError) as error:
         sys.exit(f'dashboard: {error}')
     except START_ERRORS as error:
         sys.exit(f'dashboard: cannot start: {" ".join(str(error).split())}')
@@ -69,7 +63,7 @@ def catch_signals() -> None:
 
 
 def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
-    """Serve the page until a signal comes; raises DashboardError."""
+    """Serve the page until a signal comes; raises StartError."""
     from diffdrive_ros.dashboard.dashboard_node import DashboardNode
     from diffdrive_ros.dashboard.server import serve
 
@@ -82,36 +76,33 @@ def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:
         node = DashboardNode(options.odometry)
         check_namespace(node.observed, node.get_namespace())
         if options.simulate and (topics := used_topics(node)):
-            raise DashboardError(
+            raise StartError(
                 f'topics in use: {", ".join(topics)}; end those nodes, or set ROS_DOMAIN_ID to '
                 'another domain')
-        token = None if options.host in LOOPBACK else secrets.token_urlsafe(24)
         started = running_robot('publish_limited_velocity:=true') if options.simulate else (
             nullcontext())
         with started as robot:
-            serve(node, options.host, options.port, token, robot)
+            serve(node, options.host, options.port, robot)
     finally:
         rclpy.try_shutdown()
 
 
 def check_namespace(observed: str, namespace: str) -> None:
-    """Raise DashboardError if the observed node is in another namespace than this cmd_vel."""
+    """Raise StartError if the observed node is in another namespace than this cmd_vel."""
     home = observed.rpartition('/')[0] or '/'
     if home != namespace:
-        raise DashboardError(
+        raise StartError(
             f'{observed} is not in the namespace {namespace}, where the dashboard publishes '
             f'cmd_vel; use --odometry {observed.rpartition("/")[2]} --ros-args -r __ns:={home}')
 
 
 def check_address(host: str, port: int) -> None:
-    """Raise DashboardError if the address cannot be bound."""
+    """Raise StartError if the address cannot be bound."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((host, port))
+        socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:
-        raise DashboardError(
+        raise StartError(
             f'cannot serve at {host} port {port}: {error}; see --host and --port') from None
 
 

@@ -2,9 +2,10 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 import logging
+import secrets
 import time
 
-from diffdrive_ros.dashboard.access_control import AccessControl, address
+from diffdrive_ros.dashboard.access_control import AccessControl, address, HEADERS, LOOPBACK
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError, SpinThread
 from diffdrive_ros.dashboard.page import Page
 from diffdrive_ros.dashboard.robot import DashboardRobot
@@ -109,10 +110,10 @@ async def _every(period: float, act: Callable[[], Awaitable[None]]) -> None:
 
 
 def serve(
-    node: DashboardNode, host: str, port: int, token: str | None,
-    processes: RobotProcesses | None,
+    node: DashboardNode, host: str, port: int, processes: RobotProcesses | None,
 ) -> None:
     """Serve the pages of a node until a signal ends it; raises RobotEndedError."""
+    token = None if host in LOOPBACK else secrets.token_urlsafe(24)
     server = Server(node, processes)
     app.add_middleware(AccessControl, token=token)
     app.on_startup(server.start)
@@ -128,7 +129,7 @@ def serve(
         ui.run(
             host=host, port=port, reload=False, show=False, show_welcome_message=False,
             dark=None, message_history_length=0, reconnect_timeout=RECONNECT_S,
-            timeout_graceful_shutdown=1,
+            timeout_graceful_shutdown=1, headers=HEADERS,
             ws_per_message_deflate=False)  # frames are small
     finally:
         server.close()

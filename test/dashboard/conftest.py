@@ -1,10 +1,15 @@
 """Browser, dashboard and robot for the tests in a browser."""
 from collections.abc import Callable, Iterator
+import importlib.util
+import os
 from types import SimpleNamespace
 
 import pytest
 from support.browser import CHROMIUM, Dashboard, missing, OBSERVER, Person, Robot
 from support.station import Station
+
+if not os.environ.get('CI') and not importlib.util.find_spec('nicegui'):
+    collect_ignore = ['test_access_control.py']  # starlette comes with nicegui
 
 
 @pytest.fixture(scope='module')

@@ -1,5 +1,6 @@
 """The dashboard as a process, its panels, and values that a person types; without a browser."""
 from collections.abc import Callable, Iterator
+import http.client
 import math
 import os
 from pathlib import Path
@@ -97,6 +98,21 @@ def test_simulation_ends_with_a_killed_dashboard(
     started = children(dashboard.pid).values()
     dashboard.signal(signal.SIGKILL)
     wait_until(lambda: not any(map(is_running, started)))
+
+
+def test_no_response_can_be_embedded_by_another_page(
+        start_page: Callable[..., Dashboard]) -> None:
+    """Neither the page nor a refusal."""
+    dashboard = start_page()
+    dashboard.wait_until_it_serves()
+    for host, status in (('127.0.0.1', 200), ('evil.example', 403)):
+        connection = http.client.HTTPConnection('127.0.0.1', dashboard.port, timeout=10.0)
+        connection.request('GET', '/', headers={'Host': host})
+        response = connection.getresponse()
+        assert response.status == status
+        assert response.headers['x-frame-options'] == 'DENY'
+        assert 'frame-ancestors' in response.headers['content-security-policy']
+        connection.close()
 
 
 def test_diagnostics_panel_lists_statuses_once_a_second(
