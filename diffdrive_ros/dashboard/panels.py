@@ -1,5 +1,6 @@
 """The panels beside the map: the equations with their numbers, parameters, diagnostics."""
 from collections.abc import Mapping, Sequence
+from functools import partial
 import math
 from typing import Any
 
@@ -126,68 +127,61 @@ class ParametersPanel:
 
     def __init__(self, robot: DashboardRobot, permission: DrivingPermission) -> None:
         self._parameters, self._permission = robot.parameters, permission
-        self._shown: list[RemoteParameter] = []
+        self._shown: Mapping[str, RemoteParameter] = {}
         self._fields: dict[str, Any] = {}
-        self._results: dict[str, ui.label] = {}
         self._list = ui.column().classes('w-full gap-3')
 
     def refresh(self) -> None:
         """Show the parameters as they were read last."""
+        before, self._shown = self._shown, self._parameters.all
+        if self._shown is before:
+            return
         live = sorted(  # the limits of the axes, which are many, last
-            (each for each in self._parameters.all if each.is_live),
-            key=lambda each: ('.' in each.name, each.name))
-        if live == self._shown or repr(live) == repr(self._shown):  # the latter for nan
+            (name for name, each in self._shown.items() if not each.descriptor.read_only),
+            key=lambda name: ('.' in name, name))
+        if live != [*self._fields]:
+            self._list.clear()
+            with self._list:
+                self._fields = {name: self._build(name, self._shown[name]) for name in live}
             return
-        before = {each.name: each.text for each in self._shown}
-        self._shown = live
-        if before.keys() != {each.name for each in live}:
-            self._build()
-            return
-        for each in live:  # what is typed into the others stays
-            if each.text != before[each.name]:
-                self._fields[each.name].set_value(each.text)
+        for name, field in self._fields.items():  # what is typed into the others stays
+            if self._shown[name].text != before[name].text:
+                field.set_value(self._shown[name].text)
 
-    def _build(self) -> None:
-        self._list.clear()
-        self._fields.clear()
-        self._results.clear()
-        with self._list:
-            for each in self._shown:
-                self._build_one(each)
-
-    def _build_one(self, parameter: RemoteParameter) -> None:
-        name = parameter.name
+    def _build(self, name: str, parameter: RemoteParameter) -> Any:
+        """Return the field of a parameter."""
+        descriptor = parameter.descriptor
         with ui.column().classes('w-full gap-0'):
             with ui.row().classes('w-full items-center no-wrap gap-2'):
-                if parameter.kind == ParameterType.PARAMETER_BOOL:
+                if descriptor.type == ParameterType.PARAMETER_BOOL:
                     field: Any = ui.select(
                         ['True', 'False'], label=name, value=parameter.text)
                 else:
                     field = ui.input(name, value=parameter.text)
                 field.props('dense outlined').classes('grow')
-                self._fields[name] = field
                 button = ui.button('Set').props(f'no-caps dense aria-label="Set {name}"')
-                self._permission.on_current(button, 'click', lambda: self._set(name))
-            rule = f'It {parameter.rule}.' if parameter.rule else ''
-            ui.label(f'{parameter.description} {rule}').classes('text-sm quiet')
+            rule = descriptor.additional_constraints
+            ui.label(descriptor.description + (rule and f' It {rule}.')).classes('text-sm quiet')
             result = ui.label().classes('text-sm font-bold').props('role=status')
-            self._results[name] = result
+        act = partial(self._set, name, field, result)
+        self._permission.on_current(button, 'click', act)
         field.on('update:model-value', lambda: result.set_text(''), args=[])
         if isinstance(field, ui.input):
-            self._permission.on_current(field, 'keydown.enter', lambda: self._set(name))
+            self._permission.on_current(field, 'keydown.enter', act)
+        return field
 
-    async def _set(self, name: str) -> None:
+    async def _set(self, name: str, field: Any, result: ui.label) -> None:
         if not self._permission.check_change():
             return
         try:
-            reason = await self._parameters.change(name, str(self._fields[name].value))
+            reason = await self._parameters.change(name, str(field.value))
         except ServiceError as error:
             reason = str(error)
         if reason:
-            now = next((each.text for each in self._shown if each.name == name), 'not read')
-            reason = f'Refused: {reason}. It is {now}'
-        self._results[name].set_text(reason or 'Set')
-        self._results[name].classes(**{'add' if reason else 'remove': 'refused'})
+            now = self._parameters.all.get(name)
+            reason = f'Refused: {reason}. It is {now.text if now else "not read"}'
+        result.set_text(reason or 'Set')
+        result.classes(**{'add' if reason else 'remove': 'refused'})
 
 
 class DiagnosticsPanel:
@@ -202,42 +196,24 @@ class DiagnosticsPanel:
         self._refreshed_at = -math.inf
         self._placeholder = ui.label('Nothing received on /diagnostics')
         self._list = ui.column().classes('w-full gap-2 statuses')
-        self._rows: dict[str, StatusRow] = {}
+        self._rows: list[tuple[ui.label, ui.label]] = []
+        """Title and values of each status; labels that do not change are not sent."""
 
     def refresh(self) -> None:
-        """Show the newest statuses."""
+        """Show the newest statuses, sorted by their names."""
         now = clock.steady()
         if now - self._refreshed_at < STATUS_PERIOD_S:
             return
         self._refreshed_at = now
-        statuses = dict(self._node.diagnostics)
+        statuses = sorted(dict(self._node.diagnostics).items())
         self._placeholder.set_visibility(not statuses)
-        for name in self._rows.keys() - statuses.keys():
-            self._rows.pop(name).remove()
-        for index, name in enumerate(sorted(statuses)):
-            if name not in self._rows:
-                with self._list:
-                    self._rows[name] = StatusRow(index)
-            received_at, status = statuses[name]
-            self._rows[name].show(status, now - received_at > DIAGNOSTICS_TIMEOUT_S)
-
-
-class StatusRow:
-    """One status, at an index among the others."""
-
-    def __init__(self, index: int) -> None:
-        self._column = ui.column().classes('w-full gap-0')
-        with self._column:
-            self._title = ui.label().classes('font-bold')
-            self._values = ui.label().classes('text-sm quiet')
-        self._column.move(target_index=index)
-
-    def show(self, status: Any, is_old: bool) -> None:
-        """Show a status; labels that do not change are not sent to the browser."""
-        level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
-        self._title.set_text(f'{level}  {status.name}: {status.message}')
-        self._values.set_text(', '.join(f'{each.key} {each.value}' for each in status.values))
-
-    def remove(self) -> None:
-        """Remove it from the page."""
-        self._column.delete()
+        while len(self._rows) < len(statuses):
+            with self._list, ui.column().classes('w-full gap-0'):
+                self._rows.append((
+                    ui.label().classes('font-bold'), ui.label().classes('text-sm quiet')))
+        for (title, values), (name, (received_at, status)) in zip(
+                self._rows, statuses, strict=True):
+            is_old = now - received_at > DIAGNOSTICS_TIMEOUT_S
+            level = 'SILENT' if is_old else LEVELS[min(status.level[0], 3)]
+            title.set_text(f'{level}  {name}: {status.message}')
+            values.set_text(', '.join(f'{each.key} {each.value}' for each in status.values))

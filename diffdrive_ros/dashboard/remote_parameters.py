@@ -1,5 +1,5 @@
 """The parameters of the observed node: read, set, and read again when they may have changed."""
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -8,7 +8,7 @@ from diffdrive_ros.core.odometry_config import diff_drive, wheel_names
 from diffdrive_ros.core.parameter_specs import checked_values, GEOMETRY
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError
 from diffdrive_ros.node import clock
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
@@ -16,17 +16,23 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 HIDDEN = ('use_sim_time', 'qos_overrides.', 'start_type_description')
 MISMATCH_RETRY_S = 3.0  # until a node that is no odometry is read again
 
+# Of a type that can be set: the value of a text, and the rule for the text.
+PARSERS: Mapping[int, tuple[Callable[[str], Any], str]] = {
+    ParameterType.PARAMETER_BOOL: (
+        lambda text: {'true': True, 'false': False}[text.lower()], 'true or false'),
+    ParameterType.PARAMETER_INTEGER: (int, 'an integer'),
+    ParameterType.PARAMETER_DOUBLE: (
+        lambda text: float(text.lower().replace('.nan', 'nan').replace('.inf', 'inf')),
+        'a number'),
+    ParameterType.PARAMETER_STRING: (str, 'a text')}
+
 
 @dataclass(frozen=True)
 class RemoteParameter:
     """One parameter as its node describes it."""
 
-    name: str
-    kind: int
+    descriptor: ParameterDescriptor
     value: Any
-    description: str
-    rule: str
-    is_live: bool
 
     @property
     def text(self) -> str:
@@ -41,10 +47,10 @@ class RemoteParameters:
 
     def __init__(self, node: DashboardNode) -> None:
         self._node = node
-        self.all: list[RemoteParameter] = []
+        self.all: Mapping[str, RemoteParameter] = {}
+        """Those that were read last, by their names; replaced as a whole."""
         self.drive = diff_drive(checked_values(GEOMETRY, {}))
         self.joints: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
-        self.directions = (1.0, 1.0)
         self.is_known = False
         self.mismatch = ''
         """Why the node is no odometry, or ''."""
@@ -53,7 +59,7 @@ class RemoteParameters:
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter when it was read last, or None."""
-        return next((each.value for each in self.all if each.name == name), None)
+        return self.all[name].value if name in self.all else None
 
     @property
     def are_outdated(self) -> bool:
@@ -71,26 +77,22 @@ class RemoteParameters:
 
     async def read(self) -> None:
         """Read all parameters of the node, and derive its geometry; raises ServiceError."""
-        read_at, invalidations, mismatch = clock.steady(), self.invalidations, ''
-        try:
-            received = await read_all(self._node)
-            if self.invalidations == invalidations:
-                self._update(received)
-        except KeyError as error:
-            mismatch = f'it has no parameter {error}'
-        except (TypeError, ValueError) as error:
-            mismatch = str(error)
+        read_at, invalidations = clock.steady(), self.invalidations
+        received = await read_all(self._node)
         if self.invalidations != invalidations:
             return  # the response is that of an earlier process
-        self.is_known, self._read_at = not mismatch, read_at
-        self.mismatch = mismatch and (
-            f'{self._node.observed} is another node than odometry: {mismatch}')
-        if mismatch:
-            raise ServiceError(self.mismatch)
+        self.is_known, self.mismatch, self._read_at = False, '', read_at
+        try:
+            self._update(received)
+        except (KeyError, TypeError, ValueError) as error:
+            cause = f'it has no parameter {error}' if isinstance(error, KeyError) else error
+            self.mismatch = f'{self._node.observed} is another node than odometry: {cause}'
+            raise ServiceError(self.mismatch) from None
+        self.is_known = True
 
     async def change(self, name: str, text: str) -> str:
         """Set a parameter to a text; return why it was refused, or ''; raises ServiceError."""
-        kind = next(each.kind for each in self.all if each.name == name)
+        kind = self.all[name].descriptor.type
         try:
             value = parse(kind, text)
         except ValueError as error:
@@ -106,64 +108,43 @@ class RemoteParameters:
             self.invalidate()
         return reason
 
-    def _update(self, received: list[RemoteParameter]) -> None:
+    def _update(self, received: Mapping[str, RemoteParameter]) -> None:
         self.all = received
-        values = {each.name: each.value for each in received}
-        for name in ('cmd_vel_timeout', 'publish_rate'):
-            float(values[name])  # numbers, as reason_not_to_drive requires
+        values = {name: each.value for name, each in received.items()}
+        for name in (
+                'cmd_vel_timeout', 'publish_rate', 'left_wheel_direction',
+                'right_wheel_direction'):
+            float(values[name])  # numbers, as the robot requires
         self.drive = diff_drive(values)
         self.joints = wheel_names(values)
-        self.directions = (
-            float(values['left_wheel_direction']), float(values['right_wheel_direction']))
         self._node.advertise_commands(bool(values['enable_stamped_cmd_vel']))
 
 
-async def read_all(node: DashboardNode) -> list[RemoteParameter]:
-    """Return all parameters of the observed node; raises ServiceError."""
+async def read_all(node: DashboardNode) -> Mapping[str, RemoteParameter]:
+    """Return all parameters of the observed node, by their names; raises ServiceError."""
     listed = await node.call('list_parameters', ListParameters.Request())
     names = sorted(name for name in listed.result.names if not name.startswith(HIDDEN))
     described = await node.call('describe_parameters', DescribeParameters.Request(names=names))
     got = await node.call('get_parameters', GetParameters.Request(names=names))
-    return [
-        RemoteParameter(
-            entry.name, entry.type, parameter_value_to_python(value), entry.description,
-            entry.additional_constraints or _range(entry), not entry.read_only)
-        for entry, value in zip(described.descriptors, got.values, strict=True)]
+    return {
+        descriptor.name: RemoteParameter(descriptor, parameter_value_to_python(value))
+        for descriptor, value in zip(described.descriptors, got.values, strict=True)}
 
 
-def parse(kind: int, text: str) -> bool | int | float | str:
+def parse(kind: int, text: str) -> Any:
     """
     Return the value of a text, by a constant of ParameterType; raises ValueError with the rule.
 
     Not rclpy's get_parameter_value, which guesses the type from YAML: it makes an integer of 1, a
     boolean of yes and a string of 1e3.
     """
-    text = text.strip()
-    if kind == ParameterType.PARAMETER_BOOL:
-        if text.lower() not in ('true', 'false'):
-            raise ValueError('must be true or false')
-        return text.lower() == 'true'
-    if kind == ParameterType.PARAMETER_INTEGER:
-        value = _number(int, text, 'an integer')
-        if not -2**63 <= value < 2**63:
-            raise ValueError('must fit into 64 bits')
-        return value
-    if kind == ParameterType.PARAMETER_DOUBLE:
-        return _number(
-            float, text.lower().replace('.nan', 'nan').replace('.inf', 'inf'), 'a number')
-    if kind == ParameterType.PARAMETER_STRING:
-        return text
-    raise ValueError('lists cannot be set here')
-
-
-def _number(kind: Callable[[str], Any], text: str, what: str) -> Any:
+    if kind not in PARSERS:
+        raise ValueError('lists cannot be set here')
+    convert, rule = PARSERS[kind]
     try:
-        return kind(text)
-    except ValueError:
-        raise ValueError(f'must be {what}') from None
-
-
-def _range(descriptor: Any) -> str:
-    for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
-        return f'must be from {limits.from_value} to {limits.to_value}'
-    return ''
+        value = convert(text.strip())
+    except (KeyError, ValueError):
+        raise ValueError(f'must be {rule}') from None
+    if kind == ParameterType.PARAMETER_INTEGER and not -2**63 <= value < 2**63:
+        raise ValueError('must fit into 64 bits')
+    return value

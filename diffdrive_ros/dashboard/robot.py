@@ -151,8 +151,8 @@ class DashboardRobot:
         sides = [[found[name] for name in names if name in found] for names in joints]
         if all(sides):
             left, right = (
-                direction * sum(side) / len(side)
-                for side, direction in zip(sides, self.parameters.directions, strict=True))
+                float(self.parameters.value(f'{name}_wheel_direction')) * sum(side) / len(side)
+                for name, side in zip(('left', 'right'), sides, strict=True))
             return left, right
         twist = self.twist
         if twist is None:
