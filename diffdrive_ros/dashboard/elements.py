@@ -1,6 +1,5 @@
 """The elements that NiceGUI does not have; each has a file of its own in static/."""
 from collections.abc import Awaitable, Callable, Mapping
-import math
 from typing import Any
 
 from diffdrive_ros.dashboard.dashboard_node import ServiceError
@@ -40,30 +39,22 @@ class LiveText(PageElement, component='static/live_text.js'):
     """A text that is updated by its label, without an update of the page."""
 
 
-class Slider(PageElement, component='static/limit_slider.js'):
-    """The slider of the browser: that of Quasar takes the focus at an element without a name."""
+class SpeedLimit(
+        PageElement, component='static/speed_limit.js', dependencies=['static/page_state.js']):
+    """
+    A speed limit on a slider, with its value above; heartbeats carry it by its label.
 
+    A slider of the browser: that of Quasar takes the focus at an element without a name.
+    """
 
-class SpeedLimit:
-    """A speed limit on a slider, with its value above."""
+    def __init__(self, label: str, low: float, high: float, step: float, start: float) -> None:
+        super().__init__(label)
+        self.props['range'] = [low, high, step, start]
+        self._low, self._high = low, high
 
-    def __init__(self, name: str, low: float, high: float, step: float, start: float) -> None:
-        self.value = start
-        self._name, self._low, self._high = name, low, high
-        self._label = ui.label().classes('text-sm')
-        slider = Slider(name)
-        slider.props['range'] = [low, high, step, start]
-        slider.on_data('limit', self._on_limit)
-        self._show()
-
-    def _on_limit(self, data: Mapping[str, Any]) -> None:
-        value = data.get('value')
-        if isinstance(value, (int, float)) and math.isfinite(value):
-            self.value = min(self._high, max(self._low, value))
-        self._show()
-
-    def _show(self) -> None:
-        self._label.set_text(f'{self._name}: {self.value:.2f}')
+    def of(self, heartbeat: Mapping[str, Any]) -> float:
+        """Return the limit in the data of a heartbeat, within its range."""
+        return min(self._high, max(self._low, float(heartbeat['limits'][self.props['label']])))
 
 
 async def notify_result(call: Awaitable[str]) -> None:

@@ -24,6 +24,7 @@ from diffdrive_ros.dashboard.status_text import ellipse_text, speeds_text, statu
 from diffdrive_ros.dashboard.teleop import (
     Heartbeat,
     saturate,
+    STOP,
     Twist,
     twist_of_joystick,
     twist_of_keys,
@@ -161,10 +162,10 @@ class Page:
         self._robot.publish(teleop.accept(self._identity, heartbeat, clock.steady()))
 
     def _commanded_twist(self, data: Mapping[str, Any]) -> Twist:
-        limits = self._max_speed.value, self._max_turn_rate.value
+        limits = self._max_speed.of(data), self._max_turn_rate.of(data)
         if data.get('wheels'):
             drive = self._robot.parameters.drive
-            return saturate(drive.body_twist(*self._kinematics.wheels), limits)
+            return saturate(drive.body_twist(*(self._kinematics.wheels or STOP)), limits)
         if data.get('joystick'):
             return twist_of_joystick(data['joystick'], limits)
         return twist_of_keys(data['keys'], limits)

@@ -31,9 +31,8 @@ class KinematicsPanel:
         self._robot, self._map, self._permission = robot, robot_map, permission
         self._pose: Sequence[float] | None = None
         self._dragged_at = -math.inf
-        self.wheels: tuple[float, float] = (0.0, 0.0)
-        self._has_wheels = False
-        self._is_filling = False
+        self.wheels: tuple[float, float] | None = None
+        """The wheel speeds that were dragged or typed [rad/s]."""
         robot_map.on_data('drag', self._on_drag)
         with ui.row().classes('gap-2 items-end'):
             self._x, self._y, self._theta = (
@@ -47,8 +46,8 @@ class KinematicsPanel:
                 self._on_reset)
         with ui.row().classes('gap-1 items-end'):
             self._left, self._right = (
-                ui.number(name, value=0.0, format='%.2f', step=0.5, on_change=self._on_speeds
-                          ).props('dense').classes('w-24')
+                ui.number(name, value=0.0, format='%.2f', step=0.5).props('dense').classes('w-24')
+                .on('update:model-value', self._on_speeds, args=[])  # not what is set here
                 for name in ('left wheel [rad/s]', 'right wheel [rad/s]'))
             HoldButton('Hold to drive')
             ui.button('Live', on_click=self._on_live).props('no-caps dense outline')
@@ -57,7 +56,7 @@ class KinematicsPanel:
 
     def refresh(self) -> None:
         """Update the source of the numbers."""
-        is_dragged = self._dragged_pose is not None or self._has_wheels
+        is_dragged = self._dragged_pose is not None or self.wheels is not None
         self._source.set_text('Dragged or typed values' if is_dragged else (
             'No values: nothing received on odom' if self._robot.odom is None
             else 'Last values: odom is silent' if self._robot.is_silent else 'Live values'))
@@ -65,9 +64,8 @@ class KinematicsPanel:
     def equations(self) -> str:
         """Return the equations with their numbers."""
         pose = self._dragged_pose or self._robot.odom or (0.0, 0.0, 0.0)
-        wheels = self.wheels if self._has_wheels else self._robot.wheels
-        return equations.equations(
-            self._robot.parameters.drive, pose, wheels or (math.nan, math.nan))
+        wheels = self.wheels or self._robot.wheels or (math.nan, math.nan)
+        return equations.equations(self._robot.parameters.drive, pose, wheels)
 
     @property
     def _dragged_pose(self) -> Sequence[float] | None:
@@ -79,8 +77,8 @@ class KinematicsPanel:
         if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
             self._pose, self._dragged_at = pose, clock.steady()
         if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
-            self.wheels, self._has_wheels = (float(wheels[0]), float(wheels[1])), True
-            self._fill()
+            self.wheels = float(wheels[0]), float(wheels[1])
+            self._fill(self.wheels)
         self.refresh()
         self._map.set_texts({EQUATIONS: self.equations()})
         if data.get('isDropped') and pose:
@@ -95,20 +93,13 @@ class KinematicsPanel:
         else:
             self._map.draw_measured()
 
-    def _fill(self) -> None:
-        """Write the wheel speeds into their fields, whose events are then not input."""
-        self._is_filling = True  # each field sends its event before the other one is written
-        self._left.set_value(round(self.wheels[0], 2))
-        self._right.set_value(round(self.wheels[1], 2))
-        self._is_filling = False
+    def _fill(self, wheels: tuple[float, float]) -> None:
+        """Write wheel speeds into their fields."""
+        self._left.set_value(round(wheels[0], 2))
+        self._right.set_value(round(wheels[1], 2))
 
     def _on_speeds(self) -> None:
-        if self._is_filling:
-            return
-        left, right = self._left.value or 0.0, self._right.value or 0.0
-        if (left, right) == (round(self.wheels[0], 2), round(self.wheels[1], 2)):
-            return
-        self.wheels, self._has_wheels = (left, right), True
+        self.wheels = self._left.value or 0.0, self._right.value or 0.0
         self._map.draw_dragged(None, self.wheels)
 
     async def _on_reset(self) -> None:
@@ -116,9 +107,8 @@ class KinematicsPanel:
             await notify_result(self._robot.reset())
 
     def _on_live(self) -> None:
-        self._pose, self._has_wheels = None, False
-        self.wheels = (0.0, 0.0)
-        self._fill()
+        self._pose = self.wheels = None
+        self._fill((0.0, 0.0))
         self._map.draw_measured()
 
 

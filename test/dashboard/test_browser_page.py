@@ -121,6 +121,20 @@ def test_dragged_wheels_drive_while_the_button_is_held(
     assert robot.stopped_after(moment) < TIMEOUT
 
 
+def test_typed_wheel_speeds_drive_too(person: Person, robot: Robot) -> None:
+    """As those that are dragged, which the fields show; Live shows the measured ones."""
+    person.drag(person.handles()['right'], 30, 0)  # 6 rad/s
+    person.page.get_by_text("φ' = H V_b  = (0.00, 6.00) rad/s").wait_for()
+    right = person.page.get_by_label('right wheel [rad/s]')
+    assert right.input_value() == '6.00'
+    person.page.get_by_label('left wheel [rad/s]').fill('2.5')
+    person.page.get_by_text("φ' = H V_b  = (2.50, 6.00) rad/s").wait_for()
+    person.page.get_by_role('button', name='Live').click()
+    person.page.get_by_text("φ' = H V_b  = (0.00, 0.00) rad/s").wait_for()
+    assert right.input_value() == '0.00'
+    assert not robot.is_driven()
+
+
 def test_reset_sets_the_pose_to_zero(person: Person, robot: Robot) -> None:
     """By the service of the node."""
     person.page.get_by_label('x [m]').fill('1.5')

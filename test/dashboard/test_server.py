@@ -7,6 +7,7 @@ from pathlib import Path
 import signal
 import socket
 from types import SimpleNamespace
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diffdrive_ros.core.kinematics import DiffDrive
@@ -176,12 +177,20 @@ def test_kinematics_panel_shows_dragged_then_live_wheels() -> None:
         assert panel.wheels == (7.5, 8.5)
         assert drawn == []
         assert "φ' = H V_b  = (7.50, 8.50)" in texts['equations']
-        panel._left.set_value(3.0)  # by hand
+        assert drawn == []
+        type_into(panel._left, 3.0)
         assert drawn.pop() == panel.wheels == (3.0, 8.5)
         panel._on_live()
         assert drawn == [None]
         assert "φ' = H V_b  = (7.00, 8.00)" in panel.equations()
         client.delete()
+
+
+def type_into(field: Any, value: float) -> None:
+    """Have a field receive the events of a browser where a person typed a value."""
+    for listener in list(field._event_listeners.values()):
+        if listener.type.startswith('update'):
+            field._handle_event({'listener_id': listener.id, 'client_id': '', 'args': value})
 
 
 def is_running(number: int) -> bool:

@@ -3,6 +3,9 @@
 // isInterrupted: the page released a control that the driver may still hold.
 export const controls = { keys: new Set(), joystick: null, wheels: false, isInterrupted: false };
 
+// The speed limits [m/s, rad/s], by the labels of their sliders.
+export const limits = {};
+
 // The teleop pad sets these functions.
 export const pad = { center() {}, sendHeartbeat() {} };
 

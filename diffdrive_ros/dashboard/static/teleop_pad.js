@@ -1,5 +1,5 @@
 // Joystick and keyboard of the driver, and the heartbeats with their state.
-import { controls, pad, received, releaseAll, stop } from 'page_state';
+import { controls, limits, pad, received, releaseAll, stop } from 'page_state';
 
 const HEARTBEAT_MS = 50;
 const FRAME_TIMEOUT_MS = 1500; // a page that draws nothing gets a frame a second
@@ -63,7 +63,7 @@ export default {
       }
       this.$emit('heartbeat', {
         sequenceNumber: this.sequenceNumber++, frameTime: window.drawnFrame.frameTime,
-        keys: [...controls.keys], joystick: controls.joystick, wheels: controls.wheels,
+        keys: [...controls.keys], joystick: controls.joystick, wheels: controls.wheels, limits,
         isInterrupted: controls.isInterrupted, isVisible: isVisible() });
       controls.isInterrupted = false;
     },
