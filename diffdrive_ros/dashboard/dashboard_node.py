@@ -3,6 +3,7 @@ import asyncio
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 import concurrent.futures
+from functools import lru_cache
 import math
 import threading
 from typing import Any
@@ -51,7 +52,7 @@ class LatestMessage:
     def __init__(self, node: Node, kind: type, topic: str) -> None:
         self._kind = kind
         self._serialized: bytes | None = None
-        self._deserialized: tuple[bytes, Any] | None = None
+        self._deserialize = lru_cache(maxsize=1)(deserialize_message)
         self._received_at = -math.inf
         self.subscription = node.create_subscription(
             kind, topic, self._receive, LATEST, raw=True)
@@ -65,9 +66,7 @@ class LatestMessage:
     def message(self) -> Any:
         """Return the message, or None before the first one."""
         raw = self._serialized
-        if raw is not None and (self._deserialized is None or self._deserialized[0] is not raw):
-            self._deserialized = raw, deserialize_message(raw, self._kind)
-        return self._deserialized and self._deserialized[1]
+        return raw and self._deserialize(raw, self._kind)
 
     def _receive(self, raw: bytes) -> None:
         self._serialized, self._received_at = raw, clock.steady()
@@ -141,9 +140,8 @@ class DashboardNode(Node):
         """Create the publisher of cmd_vel, so that it is matched before the first command."""
         if self._command_publisher and is_stamped == self.is_stamped:
             return
-        if self._command_publisher:
-            self.destroy_publisher(self._command_publisher)
         if self.commands:
+            self.destroy_publisher(self._command_publisher)
             self.destroy_subscription(self.commands.subscription)
         kind = TwistStamped if is_stamped else Twist
         self.is_stamped = is_stamped
@@ -264,7 +262,6 @@ class SpinThread:
     def close(self) -> None:
         """End the thread, and wait for it."""
         self._is_closed.set()
-        self._executor.wake()
         self._thread.join()
 
     def _spin(self) -> None:

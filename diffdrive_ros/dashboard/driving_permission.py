@@ -13,13 +13,13 @@ class DrivingPermission:
     """What a page may do; a real robot has to be unlocked first, and anew after each restart."""
 
     def __init__(self, robot: DashboardRobot, page: str) -> None:
-        self._robot, self._page = robot, page
+        self._robot, self.page = robot, page
         self._unlocked_arrival: int | None = None
 
     @property
     def is_driver(self) -> bool:
         """Return whether this page drives."""
-        return self._robot.teleop.driver == self._page
+        return self._robot.teleop.driver == self.page
 
     @property
     def is_unlocked(self) -> bool:
@@ -35,11 +35,6 @@ class DrivingPermission:
     def may_drive(self) -> bool:
         """Return whether this page may drive the robot."""
         return not self._robot.reason_not_to_drive and self.may_change
-
-    @property
-    def stop_reason(self) -> str:
-        """Return why the commands of this page are not driven, for a person to read."""
-        return self._robot.teleop.stop_reason(self._page)
 
     def unlock(self, arrival: int) -> None:
         """Permit to drive the real robot of an arrival."""
@@ -57,14 +52,14 @@ class DrivingPermission:
 
     def leave(self) -> None:
         """Give up control; stop if this page drives."""
-        self._robot.publish(self._robot.teleop.leave(self._page))
+        self._robot.publish(self._robot.teleop.leave(self.page))
 
     def check_change(self) -> bool:
         """Return whether this page may change something now; notify if not."""
         if not self.may_change:
             ui.notify('This is a real robot: choose “Drive this real robot” first.',
                       type='warning')
-        elif self._robot.teleop.driver not in (None, self._page):
+        elif self._robot.teleop.driver not in (None, self.page):
             ui.notify('Another page drives: take control first.', type='warning')
         else:
             return True
@@ -82,9 +77,13 @@ class DrivingPermission:
                   'Check the page, and try again.', type='warning')
         return False
 
-    def on_current(self, element: ui.element, event: str, act: Callable[[], Any]) -> None:
-        """Call a function at an event, unless its latency was too high."""
+    def on_current(
+        self, element: ui.element, event: str, act: Callable[[], Any], *, is_change: bool = True,
+    ) -> None:
+        """Call a function at an event, unless its latency is too high, or it may not change."""
         def handle(arguments: GenericEventArguments) -> Any:
-            return act() if self.check_current(arguments.args) else None
+            may_act = self.check_current(arguments.args) and (
+                not is_change or self.check_change())
+            return act() if may_act else None
 
         element.on(event, handle, js_handler='() => emit(window.drawnFrame)')

@@ -52,14 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def catch_signals() -> None:
     """Have every stop signal end the dashboard through the signal handler of the server."""
-    def end(number: int, frame: object) -> None:
-        signal.raise_signal(signal.SIGTERM)
-
     for each in STOP_SIGNALS:
         if each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.default_int_handler)
         elif signal.getsignal(each) != signal.SIG_IGN:  # by nohup
-            signal.signal(each, end)
+            signal.signal(each, lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
 def run(options: argparse.Namespace, arguments: Sequence[str]) -> None:

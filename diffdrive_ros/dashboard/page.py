@@ -8,6 +8,7 @@ from diffdrive_ros.dashboard.driving_permission import DrivingPermission
 from diffdrive_ros.dashboard.elements import (
     LiveText,
     notify_result,
+    RobotMap,
     SpeedLimit,
     StopButton,
     TeleopPad,
@@ -19,7 +20,6 @@ from diffdrive_ros.dashboard.panels import (
     ParametersPanel,
 )
 from diffdrive_ros.dashboard.robot import DashboardRobot
-from diffdrive_ros.dashboard.robot_map import RobotMap
 from diffdrive_ros.dashboard.status_text import ellipse_text, speeds_text, status_text
 from diffdrive_ros.dashboard.teleop import (
     Heartbeat,
@@ -42,7 +42,7 @@ class Page:
     """What one browser shows, and what its controls do."""
 
     def __init__(self, robot: DashboardRobot, identity: str) -> None:
-        self._robot, self._identity = robot, identity
+        self._robot = robot
         self._permission = DrivingPermission(robot, identity)
         self._build()
 
@@ -117,7 +117,8 @@ class Page:
             self._resume = ui.button('Release the stop').props('no-caps color=green-10')
             self._permission.on_current(self._resume, 'click', self._on_resume)
             self._take_control = ui.button('Take control').props('no-caps')
-            self._permission.on_current(self._take_control, 'click', self._on_take_control)
+            self._permission.on_current(
+                self._take_control, 'click', self._on_take_control, is_change=False)
             self._unlock = ui.button('Drive this real robot', on_click=self._ask_to_unlock).props(
                 'no-caps color=deep-orange-10')
             self._lock = ui.button('Display only', on_click=self._permission.lock).props('no-caps')
@@ -156,10 +157,10 @@ class Page:
                 self._commanded_twist(data), bool(data.get('isInterrupted')),
                 self._permission.may_drive and not self._robot.inhibits)
         except (KeyError, TypeError, ValueError, OverflowError):
-            self._robot.publish(teleop.reject(self._identity))
+            self._robot.publish(teleop.reject(self._permission.page))
             return
         self._map.acknowledge(heartbeat.frame_time, bool(data.get('isVisible')))
-        self._robot.publish(teleop.accept(self._identity, heartbeat, clock.steady()))
+        self._robot.publish(teleop.accept(self._permission.page, heartbeat, clock.steady()))
 
     def _commanded_twist(self, data: Mapping[str, Any]) -> Twist:
         limits = self._max_speed.of(data), self._max_turn_rate.of(data)
@@ -179,16 +180,14 @@ class Page:
         ui.timer(
             0.0, lambda: notify_result(self._robot.software_stop.enable(False)), once=True)
 
-    def _on_resume(self) -> Awaitable[None] | None:
+    def _on_resume(self) -> Awaitable[None]:
         # The count of this moment: a stop that is pressed from now on is not released.
-        stop_count = self._robot.teleop.stop_count
-        if not self._permission.check_change():
-            return None
-        return notify_result(self._robot.software_stop.release(stop_count))
+        return notify_result(
+            self._robot.software_stop.release(self._robot.teleop.stop_count))
 
     def _on_take_control(self) -> None:
         if self._permission.may_drive:
-            self._robot.publish(self._robot.teleop.take_control(self._identity))
+            self._robot.publish(self._robot.teleop.take_control(self._permission.page))
 
     async def _ask_to_unlock(self) -> None:
         arrival = self._robot.commands.arrivals
@@ -199,7 +198,7 @@ class Page:
             with ui.row():
                 self._permission.on_current(
                     ui.button('Drive it').props('no-caps color=deep-orange-10'), 'click',
-                    partial(dialog.submit, True))
+                    partial(dialog.submit, True), is_change=False)
                 ui.button('Display only', on_click=dialog.close).props('no-caps flat')
         if await dialog is True:
             self._permission.unlock(arrival)

@@ -7,10 +7,9 @@ from typing import Any
 from diffdrive_ros.dashboard import equations
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError
 from diffdrive_ros.dashboard.driving_permission import DrivingPermission
-from diffdrive_ros.dashboard.elements import HoldButton, LiveText, notify_result
+from diffdrive_ros.dashboard.elements import HoldButton, LiveText, notify_result, RobotMap
 from diffdrive_ros.dashboard.remote_parameters import RemoteParameter
 from diffdrive_ros.dashboard.robot import DashboardRobot
-from diffdrive_ros.dashboard.robot_map import RobotMap
 from diffdrive_ros.dashboard.software_stop import DIAGNOSTICS_TIMEOUT_S
 from diffdrive_ros.node import clock
 from nicegui import ui
@@ -39,11 +38,11 @@ class KinematicsPanel:
                 ui.number(name, value=0.0, format='%.3f', step=step).props('dense').classes('w-20')
                 for name, step in (('x [m]', 0.1), ('y [m]', 0.1), ('θ [rad]', 0.1)))
             permission.on_current(
-                ui.button('Set pose').props('no-caps dense'), 'click', lambda: self._set_pose(
+                ui.button('Set pose').props('no-caps dense'), 'click', lambda: robot.set_pose(
                     [field.value or 0.0 for field in (self._x, self._y, self._theta)]))
             permission.on_current(
                 ui.button('Reset odometry').props('no-caps dense outline'), 'click',
-                self._on_reset)
+                lambda: notify_result(robot.reset()))
         with ui.row().classes('gap-1 items-end'):
             self._left, self._right = (
                 ui.number(name, value=0.0, format='%.2f', step=0.5).props('dense').classes('w-24')
@@ -82,16 +81,10 @@ class KinematicsPanel:
         self.refresh()
         self._map.set_texts({EQUATIONS: self.equations()})
         if data.get('isDropped') and pose:
-            if self._permission.check_current(data):
-                self._set_pose(pose)
+            if self._permission.check_current(data) and self._permission.check_change():
+                self._robot.set_pose(pose)
             else:
                 self._map.draw_measured()
-
-    def _set_pose(self, pose: Sequence[float]) -> None:
-        if self._permission.check_change():
-            self._robot.set_pose(pose)
-        else:
-            self._map.draw_measured()
 
     def _fill(self, wheels: tuple[float, float]) -> None:
         """Write wheel speeds into their fields."""
@@ -101,10 +94,6 @@ class KinematicsPanel:
     def _on_speeds(self) -> None:
         self.wheels = self._left.value or 0.0, self._right.value or 0.0
         self._map.draw_dragged(None, self.wheels)
-
-    async def _on_reset(self) -> None:
-        if self._permission.check_change():
-            await notify_result(self._robot.reset())
 
     def _on_live(self) -> None:
         self._pose = self.wheels = None
@@ -161,8 +150,6 @@ class ParametersPanel:
         return field
 
     async def _set(self, name: str, field: Any, result: ui.label) -> None:
-        if not self._permission.check_change():
-            return
         try:
             reason = await self._parameters.change(name, str(field.value))
         except ServiceError as error:

@@ -12,10 +12,10 @@ from diffdrive_ros.dashboard.robot import DashboardRobot
 from diffdrive_ros.dashboard.teleop import STOP
 from diffdrive_ros.node import clock
 from diffdrive_ros.node.robot_processes import RobotEndedError, RobotProcesses
-from nicegui import app, Client, ui
+from nicegui import app, background_tasks, Client, ui
 
-HEARTBEAT_CHECK_S, FRAME_S, PARAMETERS_S, GRAPH_S = 0.02, 0.05, 0.2, 1.0  # periods of the tasks
-FRAMES_PER_REFRESH = 4  # of the numbers
+# Periods of the tasks.
+HEARTBEAT_CHECK_S, FRAME_S, NUMBERS_S, PARAMETERS_S, GRAPH_S = 0.02, 0.05, 0.2, 0.2, 1.0
 PAUSE_S = 0.003  # within a frame, so that a thread of odometry does not wait for all of it
 RECONNECT_S = 3.0  # after which a page that lost its connection is removed
 
@@ -28,16 +28,14 @@ class Server:
         self._robot = DashboardRobot(node)
         self._processes = processes
         self._pages: dict[str, Page] = {}
-        self._frames = 0
-        self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
         """Start the periodic tasks; in the loop of the server."""
         for period, act in (
                 (HEARTBEAT_CHECK_S, self._check_heartbeats), (FRAME_S, self._show_frame),
-                (PARAMETERS_S, self._read_parameters),
+                (NUMBERS_S, self._refresh_numbers), (PARAMETERS_S, self._read_parameters),
                 (PARAMETERS_S, self._robot.software_stop.maintain), (GRAPH_S, self._check_graph)):
-            self._tasks.append(asyncio.get_running_loop().create_task(_every(period, act)))
+            background_tasks.create(_every(period, act))
 
     def add_page(self, client: Client) -> None:
         """Build the page of a browser."""
@@ -70,14 +68,13 @@ class Server:
         try:
             self._robot.update()
         finally:  # the pages show the rest, whatever is wrong with a message
-            self._frames += 1
             await asyncio.sleep(PAUSE_S)
             for page in list(self._pages.values()):
                 page.show(now)
-            if self._frames % FRAMES_PER_REFRESH == 0:
-                await asyncio.sleep(PAUSE_S)
-                for page in list(self._pages.values()):
-                    page.refresh()
+
+    async def _refresh_numbers(self) -> None:
+        for page in list(self._pages.values()):
+            page.refresh()
 
     async def _check_graph(self) -> None:
         if self._processes:

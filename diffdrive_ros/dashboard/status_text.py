@@ -42,7 +42,7 @@ def _state(robot: DashboardRobot, permission: DrivingPermission) -> str:
         return 'Display only: a real robot'
     if robot.teleop.driver and not permission.is_driver:
         return 'Another page drives'
-    if reason := permission.stop_reason:
+    if reason := robot.teleop.stop_reason(permission.page):
         return f'Stopped: {reason}. Release the controls, and press again'
     return 'You drive' if permission.is_driver else 'Nobody drives: press a key or the joystick'
 
