@@ -1,12 +1,15 @@
-"""Browser, dashboard and robot for the tests in a browser."""
+"""Browser, dashboard and robot; for tests without a browser, the robot as it is observed."""
 from collections.abc import Callable, Iterator
 import importlib.util
 import os
 from types import SimpleNamespace
 
+from diffdrive_ros.dashboard.dashboard_node import DashboardNode
+from diffdrive_ros.dashboard.robot import DashboardRobot
+from nav_msgs.msg import Odometry
 import pytest
 from support.browser import CHROMIUM, Dashboard, missing, OBSERVER, Person, Robot
-from support.station import Station
+from support.station import Station, wait_until
 
 if not os.environ.get('CI') and not importlib.util.find_spec('nicegui'):
     collect_ignore = ['test_access_control.py']  # starlette comes with nicegui
@@ -87,3 +90,31 @@ def observer(domain: int) -> Iterator[Station]:
     station = Station(domain, OBSERVER)
     yield station
     station.close()
+
+
+@pytest.fixture
+def node(station: Station) -> DashboardNode:
+    """Return the node of the dashboard."""
+    return station.add(DashboardNode(context=station.context))
+
+
+@pytest.fixture
+def observed(node: DashboardNode) -> DashboardRobot:
+    """Return the robot that the dashboard observes, without a browser."""
+    return DashboardRobot(node)
+
+
+@pytest.fixture
+def receive_odom(station: Station, observed: DashboardRobot) -> Callable[[], DashboardRobot]:
+    """Return a function that has the robot receive a message on odom, and update."""
+    def receive() -> DashboardRobot:
+        def is_received() -> bool:
+            station.say('odom', Odometry())
+            observed.update()
+            return observed.node.odom.age < 0.1
+
+        wait_until(is_received, pause=0.01)
+        observed.update()
+        return observed
+
+    return receive
