@@ -50,10 +50,10 @@ latency:  ## measure from key press to wheel command: make latency ARGS='--press
 page:  ## measure what the page costs an odometry beside it: make page ARGS='--rounds 3'
 	@.ci/environment test python -m checks.page_cost $(ARGS)
 
-mutants:  ## take each behaviour away, and see its test fail: make mutants ARGS='7 23', ARGS='--tenth 3'
+mutants:  ## check that tests detect the loss of each behaviour: make mutants ARGS='7 23', ARGS='--tenth 3'
 	@.ci/environment test python -m checks.mutants $(ARGS)
 
-fuzz:  ## send ten million messages through the pure modules: make fuzz ARGS='--seed 2'
+fuzz:  ## send ten million messages through the core: make fuzz ARGS='--seed 2'
 	@.ci/environment test python -m checks.fuzz $(ARGS)
 
 soak:  ## drive for 15 minutes with a fault each second: make soak ARGS='--minutes 60'

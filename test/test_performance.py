@@ -1,4 +1,4 @@
-"""What is made of the figures of a benchmark, with figures that are made up."""
+"""Test the tables of the benchmark, with artificial figures."""
 from pathlib import Path
 
 from benchmark import performance
@@ -7,7 +7,7 @@ import pytest
 
 
 def rounds(scale: float) -> list[dict]:
-    """Return three rounds of round trips; scale is that of the one in the middle."""
+    """Return three rounds of round trips; scale is that of the median."""
     return [
         {'answered': 1.0, 'cpu_us': 100.0 * each, 'p50_us': 300.0 * each, 'p99_us': 900.0 * each,
          'rss_mb': 60.0 * each, 'wrong': ''}
@@ -29,24 +29,24 @@ def results() -> performance.Results:
                 'numpy', 'integrate', 'integrate_chunks')}})
 
 
-def test_ratios_are_of_the_medians(results: performance.Results) -> None:
-    """To the floor and to the typical node; of robots, to one of them."""
+def test_ratios_are_those_of_medians(results: performance.Results) -> None:
+    """Ratios to the floor and the typical node; those of robots are to one robot."""
     text = performance.tables(results)
     assert '| 200 | odometry | 100.00 % | 200.0 | 2.00 | 0.50 | 600 | 2.00 |' in text
     assert '| 20 | one process | 100.00 % | 5.00 | 20.00 | 0.25 |' in text
     assert '| odometry | 2.00 | 0.50 | 1.00 | 9.00 |' in text
 
 
-def test_without_a_floor_its_column_is_empty(results: performance.Results) -> None:
-    """Where there is no compiler."""
+def test_ratio_without_floor_is_empty(results: performance.Results) -> None:
+    """The floor needs a compiler."""
     for by_name in results.round_trips.values():
         del by_name[CANDIDATES[0]]
     assert '| 200 | odometry | 100.00 % | 200.0 |  | 0.50 |' in performance.tables(results)
 
 
-def test_the_document_keeps_what_stands_around_the_figures(
+def test_write_replaces_figures_and_keeps_other_text(
         results: performance.Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And the old figures give way to the new."""
+    """The text before and after the marks is kept."""
     monkeypatch.setattr(performance, 'DOC', tmp_path)
     document = tmp_path / 'performance.md'
     document.write_text(f'before\n{BEGIN}\nold\n{END}\nafter\n')

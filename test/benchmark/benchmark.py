@@ -1,10 +1,10 @@
 """
-Measure what the node and the core cost, by ratios in one run. A script; it judges no speed.
+Measure the costs of the node and the core, as ratios within one run. A script without bounds.
 
-The round trip over DDS (a JointState in, an Odometry out), against a floor in C and a typical
-Python node; robots in processes of their own and in one; the time from a start to the first odom;
-the core, against numpy. Candidates take turns, and medians are compared. Writes doc/performance.md
-and doc/performance.png; with --quick, only prints. Returns 1 if a pose was wrong.
+It measures the round trip over DDS (a JointState in, an Odometry out), against a floor in C and a
+typical Python node; robots in separate processes and in one; the time from a start to the first
+odom; the core, against numpy. The candidates alternate, and medians are compared. Writes
+doc/performance.md and doc/performance.png; with --quick, only prints. Returns 1 on a wrong pose.
 """
 import argparse
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from benchmark.performance import CANDIDATES, EACH, FLOOR, NODE, SHARED, TYPICAL
 
 HERE = Path(__file__).resolve().parent
 
-# The example robot, with all that the node can do for a message; but like the others without /tf.
+# The example robot, with every computation of a message; without /tf, like the other candidates.
 GEOMETRY = {
     'wheel_separation': 0.16, 'wheel_radius': 0.033, 'wheel_separation_std': 0.002,
     'left_wheel_radius_std': 0.0001, 'right_wheel_radius_std': 0.0001, 'enable_odom_tf': False}
@@ -36,11 +36,11 @@ LIBRARIES = (
     'sensor_msgs__rosidl_typesupport_c')
 
 Command = tuple[list[str], dict[str, str]]
-"""Arguments, and what is different in the environment."""
+"""Arguments, and changes of the environment."""
 
 
 class Plan:
-    """How much is measured: the whole, or little."""
+    """The extent of the measurement: full or quick."""
 
     def __init__(self, quick: bool, rounds: int | None, seconds: float | None) -> None:
         self.rounds = rounds or (1 if quick else 5)
@@ -52,17 +52,17 @@ class Plan:
         self.sizes = [10**3, 10**5] if quick else [
             10**3, 10**4, 10**5, 10**6, 10**7, 5 * 10**7]
         self.most_updates = 10**3 if quick else 10**6
-        self.work = 2e6 if quick else 2e7  # samples in all, so that small logs are often repeated
+        self.work = 2e6 if quick else 2e7  # samples in total: small logs are repeated more often
 
 
 class Benchmark:
-    """Runs what is measured in processes of their own, each in another ROS domain."""
+    """The measurements, in separate processes, each in another ROS domain."""
 
     def __init__(self, plan: Plan, floor: Command | None) -> None:
         self.plan = plan
         self.wrong: list[str] = []
         self._domains = itertools.cycle(range(60, 100))
-        for _ in range(os.getpid() % 40):  # two at once start apart
+        for _ in range(os.getpid() % 40):  # two runs at once begin with different domains
             next(self._domains)
         typical = [sys.executable, str(HERE / 'typical_node.py')], {}
         given: dict[str, Command | None] = {
@@ -70,7 +70,7 @@ class Benchmark:
         self._candidates = {name: given[name] for name in CANDIDATES if given[name]}
 
     def round_trips(self) -> dict[int, dict[str, list[dict]]]:
-        """Return what rounds with one robot cost, by rate and candidate."""
+        """Return the costs of rounds with one robot, by rate and candidate."""
         results = {rate: {name: [] for name in self._candidates} for rate in self.plan.rates}
         for _, rate, (name, command) in itertools.product(
                 range(self.plan.rounds), results, self._candidates.items()):
@@ -79,7 +79,7 @@ class Benchmark:
         return results
 
     def robots(self) -> dict[int, dict[str, list[dict]]]:
-        """Return what rounds with several robots at 50 Hz cost, by their number and the way."""
+        """Return the costs of rounds with several robots at 50 Hz, by number and processes."""
         results = {count: {EACH: [], SHARED: []} for count in self.plan.robots}
         for _, count in itertools.product(range(self.plan.rounds), results):
             namespaces = [f'/r{number}' for number in range(count)]
@@ -95,15 +95,15 @@ class Benchmark:
     def starts(self) -> dict[str, list[float]]:
         """Return the seconds from starts to the first odom, by candidate."""
         candidates = {name: self._candidates[name] for name in (NODE, TYPICAL)}
-        say('starts')
+        print_progress('starts')
         return self._run('start.py', json.dumps({
             'candidates': candidates, 'starts': self.plan.starts}))
 
     def core(self) -> dict[int, dict[str, dict]]:
-        """Return ns and bytes a sample, by the size of the log and the work."""
+        """Return time [ns] and memory [bytes] per sample, by the size of the log and the work."""
         results = {}
         for size in self.plan.sizes:
-            say(f'core, {size:,} samples')
+            print_progress(f'core, {size:,} samples')
             repeats = max(3, min(200, round(self.plan.work / size)))
             times = self._run(
                 'core.py', size, repeats, 'numpy', 'integrate', 'integrate_chunks')
@@ -118,7 +118,7 @@ class Benchmark:
     def _round(
         self, what: str, commands: list[Command], namespaces: list[str], rate: float, check: bool,
     ) -> dict:
-        say(what)
+        print_progress(what)
         result = self._run('roundtrip.py', json.dumps({
             'commands': commands, 'namespaces': namespaces, 'rate': rate,
             'settling': self.plan.settling, 'seconds': self.plan.seconds, 'check': check}))
@@ -131,13 +131,13 @@ class Benchmark:
 
 
 def run(domain: int, script: str, *arguments: object) -> object:
-    """Return what a script of the benchmark found, in a ROS domain on this machine."""
+    """Return the result of a script of the benchmark, in a ROS domain on this machine."""
     done = subprocess.run(
         [sys.executable, str(HERE / script), *map(str, arguments)], text=True,
         stdout=subprocess.PIPE,
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain),
              'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-             'PYTHONDONTWRITEBYTECODE': ''})  # compiled once, as where it is installed
+             'PYTHONDONTWRITEBYTECODE': ''})  # compiled once, as if installed
     if done.returncode:
         sys.exit(f'{script} failed, in: {arguments}')
     return json.loads(done.stdout.splitlines()[-1])  # DDS may print, too
@@ -162,7 +162,7 @@ def node_of(namespace: str) -> Command:
 
 @contextmanager
 def floor() -> Iterator[Command | None]:
-    """Build the floor, from a sourced ROS or from wheels; None if that cannot be."""
+    """Build the floor, from a sourced ROS or from wheels; None if it does not compile."""
     sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(':')
     prefixes = [*filter(None, sourced), sys.prefix]
     includes = [path for prefix in prefixes for path in glob(f'{prefix}/include/*')]
@@ -175,12 +175,12 @@ def floor() -> Iterator[Command | None]:
             *(f'-I{path}' for path in includes), *(f'-L{path}' for path in libraries),
             '-Wl,--allow-shlib-undefined', *(f'-l{name}' for name in LIBRARIES)]
         if Path(sys.prefix, 'lib', 'librcl.so').exists():
-            # The libraries in the wheels want Python's symbols, and do not say so.
+            # The libraries in the wheels need symbols of Python without linking it.
             command += ['-Wl,--no-as-needed', f'-lpython{sysconfig.get_config_var("LDVERSION")}']
         try:
             subprocess.run(command, check=True, text=True, stderr=subprocess.PIPE)
         except (OSError, subprocess.CalledProcessError) as error:
-            print(f'without the floor, which could not be compiled: '
+            print(f'without the floor, which does not compile: '
                   f'{getattr(error, "stderr", None) or error}', file=sys.stderr)
             yield None
             return
@@ -189,8 +189,8 @@ def floor() -> Iterator[Command | None]:
                          'AMENT_PREFIX_PATH': ':'.join(prefixes)}
 
 
-def say(what: str) -> None:
-    """Say what is measured now."""
+def print_progress(what: str) -> None:
+    """Print what is measured now."""
     print(f'... {what}', file=sys.stderr, flush=True)
 
 

@@ -1,8 +1,8 @@
 """
-Time parts of the core in turn, or see what memory one needs; print it as JSON.
+Measure the time of parts of the core, alternately, or the memory of one; print it as JSON.
 
 Arguments: SAMPLES REPEATS WORK... Times are medians of CPU time [ns a sample]. Without repeats,
-memory is by how much this process grew at its peak [bytes a sample], beyond the wheel angles.
+the memory is the peak growth of this process beyond the wheel angles [bytes a sample].
 """
 from collections.abc import Callable
 import json
@@ -17,12 +17,12 @@ from diffdrive_ros.core.odometry import GeometryUncertainty, integrate, integrat
 import numpy as np
 
 DRIVE = DiffDrive(0.16, 0.033, 0.033)
-KNOWN = GeometryUncertainty(0.002, 0.0001, 0.0001)
+UNCERTAINTY = GeometryUncertainty(0.002, 0.0001, 0.0001)
 CHUNK = 100_000
 
 
 def wheels(samples: int) -> np.ndarray:
-    """Return angles of the left and right wheel, (2, N), that drive curves."""
+    """Return angles of the left and right wheel on curves, (2, N)."""
     angles = np.random.default_rng(1).normal(0.05, 0.02, (2, samples))
     return np.cumsum(angles, axis=1, out=angles)
 
@@ -41,7 +41,7 @@ def by_chunks(left: np.ndarray, right: np.ndarray) -> None:
 
 
 def by_numpy(left: np.ndarray, right: np.ndarray) -> None:
-    """Do what no vectorised integration can do without."""
+    """Compute the minimum of any vectorised integration."""
     np.sin(left)
     np.cos(left)
     np.cumsum(left)
@@ -51,14 +51,14 @@ def by_numpy(left: np.ndarray, right: np.ndarray) -> None:
 
 def by_update(left: list[float], right: list[float]) -> None:
     """Update sample by sample, with the systematic part of the covariance."""
-    update = Odometry(DRIVE, geometry_uncertainty=KNOWN).update
+    update = Odometry(DRIVE, geometry_uncertainty=UNCERTAINTY).update
     for number, angles in enumerate(zip(left, right, strict=True)):
         update(*angles, number * 5_000_000)
 
 
 def by_update_and_read_out(left: list[float], right: list[float]) -> None:
-    """Update sample by sample, and ask for all that a message has."""
-    odometry = Odometry(DRIVE, geometry_uncertainty=KNOWN)
+    """Update sample by sample, and read all values of a message."""
+    odometry = Odometry(DRIVE, geometry_uncertainty=UNCERTAINTY)
     for number, angles in enumerate(zip(left, right, strict=True)):
         odometry.update(*angles, number * 5_000_000)
         odometry.estimate()
@@ -70,15 +70,15 @@ WORK: dict[str, Callable] = {
 
 
 def growth(work: Callable[[], None]) -> int:
-    """Return by how much this process grows while it works [bytes]."""
-    Path('/proc/self/clear_refs').write_text('5')  # the highest memory is now the present one
-    before = highest_memory()
+    """Return the peak growth of this process by some work [bytes]."""
+    Path('/proc/self/clear_refs').write_text('5')  # resets the peak to the present memory
+    before = peak_memory()
     work()
-    return highest_memory() - before
+    return peak_memory() - before
 
 
-def highest_memory() -> int:
-    """Return the highest resident memory until now [bytes]."""
+def peak_memory() -> int:
+    """Return the peak resident memory [bytes]."""
     status = Path('/proc/self/status').read_text()
     return 1024 * int(re.search(r'VmHWM:\s+(\d+) kB', status)[1])
 
@@ -89,7 +89,7 @@ def main() -> None:
     arrays = tuple(wheels(samples))
     lists = [each.tolist() for each in arrays] if set(names) & set(ONLINE) else []
     angles = {name: lists if name in ONLINE else arrays for name in names}
-    for name in names:  # what is loaded and made once
+    for name in names:  # imports and first allocations
         WORK[name](*(each[:1000] for each in angles[name]))
     if not repeats:
         print(growth(lambda: WORK[names[0]](*angles[names[0]])) / samples)
@@ -97,7 +97,7 @@ def main() -> None:
     times = {name: [] for name in names}
     for _ in range(repeats):
         for name in names:
-            start = time.thread_time()  # not that of others on this machine
+            start = time.thread_time()  # excludes other processes
             WORK[name](*angles[name])
             times[name].append(time.thread_time() - start)
     print(json.dumps({

@@ -1,4 +1,4 @@
-"""The other side of the nodes under test: it sends joint states, and keeps what is answered."""
+"""The driver of the nodes under test: it publishes joint states, and records their odometry."""
 import math
 import os
 from pathlib import Path
@@ -17,9 +17,9 @@ from sensor_msgs.msg import JointState
 DEEP = QoSProfile(depth=1000)
 LEFT_SPEED, RIGHT_SPEED = 6.0, 7.0  # [rad/s]
 WHEEL_RADIUS, WHEEL_SEPARATION = 0.033, 0.16
-CLOSE = 1e-6  # [m, rad]
-LONGEST_START = 30.0  # [s]
-LONGEST_DELAY = 2.0  # [s] that answers may be behind
+TOLERANCE = 1e-6  # [m, rad]
+MAX_START_S = 30.0
+MAX_DELAY_S = 2.0  # of the last answers
 
 
 class Node:
@@ -33,18 +33,18 @@ class Node:
     @property
     def seconds(self) -> float:
         """Return its CPU time and that of its children [s], user and system."""
-        # The clock of another process, as clock_getcpuclockid(3) makes it: to the nanosecond.
-        return sum(time.clock_gettime((~pid << 3) | 2) for pid in self._family())
+        # The clock of another process, as of clock_getcpuclockid(3), in nanoseconds.
+        return sum(time.clock_gettime((~pid << 3) | 2) for pid in self._process_tree())
 
     @property
     def resident(self) -> float:
         """Return its resident memory and that of its children [MB]."""
         pages = sum(int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-                    for pid in self._family())
+                    for pid in self._process_tree())
         return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
     def end(self) -> None:
-        """End it, and wait until it has."""
+        """End the process, and wait for its exit."""
         self._process.send_signal(signal.SIGTERM)
         try:
             self._process.wait(10.0)
@@ -52,16 +52,16 @@ class Node:
             self._process.kill()
             self._process.wait()
 
-    def _family(self) -> list[int]:
-        family = [self._process.pid]
-        for pid in family:  # which grows meanwhile
+    def _process_tree(self) -> list[int]:
+        pids = [self._process.pid]
+        for pid in pids:  # grows in the loop
             for each in Path(f'/proc/{pid}/task').glob('*/children'):
-                family += map(int, each.read_text().split())
-        return family
+                pids += map(int, each.read_text().split())
+        return pids
 
 
 class Driver:
-    """Drives robots, each in a namespace; answers are (time of receipt [s], bytes)."""
+    """A driver of robots, each in a namespace; answers are (time of receipt [s], bytes)."""
 
     def __init__(self, namespaces: list[str], rate: float) -> None:
         self._period_ns = round(1e9 / rate)
@@ -73,9 +73,9 @@ class Driver:
             for name in namespaces]
         self.answers: list[list[tuple[float, bytes]]] = [[] for _ in namespaces]
         for name, answers in zip(namespaces, self.answers, strict=True):
-            # Opened after the drive, so that this process stays light.
+            # Deserialized after the run, so that this process uses little CPU.
             self._node.create_subscription(
-                Odometry, f'{name}/odom', self._note_in(answers), DEEP, raw=True)
+                Odometry, f'{name}/odom', self._append_to(answers), DEEP, raw=True)
         self._executor = make_executor()
         self._executor.add_node(self._node)
         self._is_over = False
@@ -92,28 +92,28 @@ class Driver:
         rclpy.shutdown()
 
     def wait_for_answers(self, count: int, pause: float) -> None:
-        """Send a sample to all after each pause [s] until all have given so many answers."""
-        deadline = time.monotonic() + LONGEST_START
+        """Send a sample to all robots after each pause [s] until each has a count of answers."""
+        deadline = time.monotonic() + MAX_START_S
         while min(map(len, self.answers)) < count:
             if time.monotonic() > deadline:
-                raise SystemExit('no answer came')
+                raise SystemExit('no answer')
             for publisher in self._publishers:
                 publisher.publish(self._samples(1)[0])
             self._sent += 1
             time.sleep(pause)
 
-    def wait_for_nobody(self) -> None:
-        """Wait until all that listened have gone."""
-        deadline = time.monotonic() + LONGEST_START
+    def wait_for_no_subscribers(self) -> None:
+        """Wait until no node is subscribed."""
+        deadline = time.monotonic() + MAX_START_S
         while any(publisher.get_subscription_count() for publisher in self._publishers):
             if time.monotonic() > deadline:
-                raise SystemExit('a node did not go')
+                raise SystemExit('a node did not exit')
             time.sleep(0.01)
 
     def drive(self, seconds: float) -> dict[bytes, list[float]]:
-        """Drive all at the rate, wait for answers; return when each was sent each stamp [s]."""
+        """Drive all at the rate, wait for answers; return the times of sending [s] by stamp."""
         count = len(self._publishers)
-        heard = [len(answers) for answers in self.answers]
+        received = [len(answers) for answers in self.answers]
         samples = self._samples(round(seconds / self._period_ns * 1e9))
         self._sent += len(samples)
         sent: dict[bytes, list[float]] = {stamp_of(sample): [] for sample in samples}
@@ -127,15 +127,15 @@ class Driver:
                     time.sleep(wait)
                 times.append(time.perf_counter())
                 publisher.publish(sample)
-        deadline = time.monotonic() + LONGEST_DELAY
+        deadline = time.monotonic() + MAX_DELAY_S
         while time.monotonic() < deadline and any(
                 len(answers) < before + len(samples)
-                for answers, before in zip(self.answers, heard, strict=True)):
+                for answers, before in zip(self.answers, received, strict=True)):
             time.sleep(0.01)
         return sent
 
     def _samples(self, count: int) -> list[bytes]:
-        """Return the messages that come next."""
+        """Return the next messages."""
         message, samples = JointState(name=['left_wheel_joint', 'right_wheel_joint']), []
         message.velocity = [LEFT_SPEED, RIGHT_SPEED]
         for number in range(self._sent, self._sent + count):
@@ -151,7 +151,7 @@ class Driver:
             self._executor.spin_once(timeout_sec=0.5)
 
     @staticmethod
-    def _note_in(answers: list[tuple[float, bytes]]) -> object:
+    def _append_to(answers: list[tuple[float, bytes]]) -> object:
         return lambda payload: answers.append((time.perf_counter(), payload))
 
 
@@ -160,11 +160,11 @@ def stamp_of(payload: bytes) -> bytes:
     return bytes(payload[4:12])
 
 
-def what_is_wrong(first: bytes, last: bytes) -> str:
+def pose_error(first: bytes, last: bytes) -> str:
     """
-    Return what is wrong with the last of two answers, given the first; nothing if it is right.
+    Return the error of the last of two answers, given the first, as text; '' if it is right.
 
-    The wheels turn at constant speeds: one arc leads from the one to the other.
+    The wheels turn at constant speeds, so the motion between both is one arc.
     """
     first, last = (deserialize_message(each, Odometry) for each in (first, last))
     (start_ns, x, y, theta), (end_ns, *end) = _planar(first), _planar(last)
@@ -176,7 +176,7 @@ def what_is_wrong(first: bytes, last: bytes) -> str:
         end[0] - x - radius * (math.sin(theta + turn) - math.sin(theta)),
         end[1] - y + radius * (math.cos(theta + turn) - math.cos(theta)),
         math.remainder(end[2] - theta - turn, math.tau))
-    if not off < CLOSE:
+    if not off < TOLERANCE:
         return f'the last pose is {off:.1e} off'
     if not last.pose.covariance[0] > first.pose.covariance[0] > 0.0:
         return 'the covariance did not grow'

@@ -1,7 +1,7 @@
 """
 Run the odometry of several robots in one process: with one context, and one executor for all.
 
-Its argument says in JSON which namespaces they have, and the parameters of each.
+Its argument is JSON: the parameters by namespace.
 """
 import json
 import signal
@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 
 def main() -> None:
-    """Spin until SIGTERM comes."""
+    """Spin until SIGTERM."""
     over = []
     signal.signal(signal.SIGTERM, lambda number, frame: over.append(number))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

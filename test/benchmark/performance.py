@@ -1,4 +1,4 @@
-"""What was measured, as tables and as a picture: doc/performance.md and doc/performance.png."""
+"""Tables and picture of the measurements: doc/performance.md and doc/performance.png."""
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -21,11 +21,11 @@ COLORS = {FLOOR: '0.45', NODE: 'tab:blue', TYPICAL: 'tab:orange'}
 
 @dataclass(frozen=True)
 class Results:
-    """Rounds of the round trip by rate and candidate, of robots by their number, and the rest."""
+    """Round trips by rate and candidate, rounds of robots by their number, starts and core."""
 
     rounds: int
     seconds: float
-    load: float  # of the machine before anything was started
+    load: float  # of the machine before the start
     round_trips: dict[int, dict[str, list[dict]]]
     robots: dict[int, dict[str, list[dict]]]
     starts: dict[str, list[float]]
@@ -40,7 +40,7 @@ def tables(results: Results) -> str:
 
 
 def write(text: str, results: Results) -> None:
-    """Put the tables between the marks of the document, and draw the picture."""
+    """Write the tables between the marks of the document, and draw the picture."""
     document = DOC / 'performance.md'
     before, _, rest = document.read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
@@ -206,7 +206,7 @@ def _draw_core(axes: object, results: Results) -> None:
 
 
 def _share(robots: int, rounds: list[dict]) -> float:
-    """Return the CPU of so many robots at 50 Hz [% of a core]."""
+    """Return the CPU of a number of robots at 50 Hz [% of a core]."""
     return median(each['cpu_us'] * each['answered'] for each in rounds) * 50.0 * robots * 1e-4
 
 

@@ -1,16 +1,16 @@
 """
-Drive the robots of one candidate for a while; print what it cost, as JSON.
+Drive the robots of one candidate; print the costs as JSON.
 
 Its argument is JSON too: commands (a list of [arguments, environment], one a process), namespaces
-(of the robots in them), rate [Hz], settling and seconds (before and while it counts), and check
-(whether the poses have to be right).
+(of the robots in them), rate [Hz], settling and seconds (before and during the measurement), and
+check (whether the poses are checked).
 """
 import json
 import statistics
 import sys
 import time
 
-from driver import Driver, Node, stamp_of, what_is_wrong
+from driver import Driver, Node, pose_error, stamp_of
 
 
 def main() -> None:
@@ -32,16 +32,16 @@ def main() -> None:
         driver.close()
     latencies, wrong = [], []
     for index, answers in enumerate(driver.answers):
-        heard = {}
+        received = {}
         for moment, payload in answers:
-            heard.setdefault(stamp_of(payload), moment)
-        latencies += [heard[stamp] - times[index] for stamp, times in sent.items()
-                      if stamp in heard]
+            received.setdefault(stamp_of(payload), moment)
+        latencies += [received[stamp] - times[index] for stamp, times in sent.items()
+                      if stamp in received]
         if task['check']:
-            wrong.append(what_is_wrong(first[index], answers[-1][1]))
+            wrong.append(pose_error(first[index], answers[-1][1]))
     latencies.sort()
     if not latencies:
-        sys.exit('nothing was answered')
+        sys.exit('no answer')
     print(json.dumps({
         'answered': len(latencies) / (len(sent) * len(driver.answers)),
         'cpu_us': spent / len(latencies) * 1e6,

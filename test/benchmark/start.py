@@ -1,5 +1,5 @@
 """
-Start the candidates again and again, in turn; print the seconds to the first odom, as JSON.
+Start the candidates repeatedly, alternating; print the seconds to the first odom as JSON.
 
 Its argument is JSON too: candidates (a name each, and [arguments, environment]) and starts.
 """
@@ -11,8 +11,8 @@ from driver import Driver, Node
 
 
 def seconds_to_answer(driver: Driver, command: list) -> float:
-    """Start a node, end it when it has answered; return the time until then [s]."""
-    driver.wait_for_nobody()
+    """Return the time from the start of a node to its first answer [s]; end it then."""
+    driver.wait_for_no_subscribers()
     driver.answers[0].clear()
     start = time.perf_counter()
     node = Node(*command)
@@ -24,7 +24,7 @@ def seconds_to_answer(driver: Driver, command: list) -> float:
 
 
 def main() -> None:
-    """Measure start after start."""
+    """Measure the starts."""
     task = json.loads(sys.argv[1])
     driver = Driver([''], 200.0)
     seconds = {name: [] for name in task['candidates']}

@@ -1,8 +1,8 @@
 """
-An odometry node as most Python packages have it, to compare with.
+An odometry node as in most Python packages, for comparison.
 
-The default executor, a message made anew for each answer, covariances set as lists, the midpoint
-rule, and no answer to a wheel that is missing.
+It has the default executor, a new message for each answer, covariances set as lists, the midpoint
+rule, and no check of missing wheels.
 """
 from contextlib import suppress
 from math import cos, sin
@@ -60,7 +60,7 @@ class TypicalOdometry(Node):
 
 
 def main() -> None:
-    """Spin until a signal comes."""
+    """Spin until a signal."""
     rclpy.init()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(TypicalOdometry())

@@ -113,7 +113,7 @@ def wheel_angles(cell: Cell) -> Array:
 def scaled(cell: Cell, angles: Array) -> tuple[WheelNoise, GeometryUncertainty]:
     """Return noise and uncertainty of the robot, scaled to the cell's heading."""
     robot, drive = ROBOTS[cell.wheels], cell.drive
-    noise, known, s = robot.noise, robot.uncertainty, drive.wheel_separation
+    noise, uncertainty, s = robot.noise, robot.uncertainty, drive.wheel_separation
     moved = np.diff(angles, axis=0) * [drive.left_wheel_radius, drive.right_wheel_radius]
     left, right = np.abs(moved).sum(axis=0)
     turns = (moved[:, 1] - moved[:, 0]) / s
@@ -123,14 +123,15 @@ def scaled(cell: Cell, angles: Array) -> tuple[WheelNoise, GeometryUncertainty]:
     if cell.systematic:
         left_angle, right_angle = angles[-1] - angles[0]
         variance += (
-            (known.left_wheel_radius * left_angle)**2
-            + (known.right_wheel_radius * right_angle)**2
-            + (known.wheel_separation * turns.sum())**2) / s**2
+            (uncertainty.left_wheel_radius * left_angle)**2
+            + (uncertainty.right_wheel_radius * right_angle)**2
+            + (uncertainty.wheel_separation * turns.sum())**2) / s**2
     size = cell.heading / math.sqrt(variance)
     return (
         WheelNoise(*(size**2 * getattr(noise, field.name) for field in fields(noise))),
         GeometryUncertainty(*(
-            size * cell.systematic * getattr(known, field.name) for field in fields(known))))
+            size * cell.systematic * getattr(uncertainty, field.name)
+            for field in fields(uncertainty))))
 
 
 def true_ends(

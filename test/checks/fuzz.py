@@ -6,9 +6,8 @@ number and the seed. Two thirds of the episodes send wheel messages through Whee
 Odometry as the node does. Invalid sequences must raise nothing, and all results must be finite.
 Valid sequences must give a sample from the fourth message on at the latest, and then each one
 exactly: the angles by the true wheels, the poses by integrate(), the twists by the Jacobian. The
-other episodes send commands through
-WheelCommander, with inhibits, timeouts and live changes of every setting, against a model of when
-zero is expected.
+other episodes send commands through WheelCommander, with inhibits, timeouts and live changes of
+every setting, and compare them with a model of the target.
 """
 import argparse
 from array import array
@@ -33,7 +32,7 @@ SECOND = 1_000_000_000
 STAMP_GAP_NS = 2 * SECOND  # between the stamps of invalid and of valid sequences
 REJECTED_VALUES = math.nan, math.inf, -math.inf, 1e308, -1e308, 1e12, -1e12
 EXTREMES = *REJECTED_VALUES, 9.9e11, 5e-324, -0.0, 1e-300
-SYNCHRONISED_AFTER = 4  # valid messages at most, after any invalid ones
+MAX_SYNCHRONISATION = 4  # valid messages at most, after any invalid ones
 
 
 class WrongError(Exception):
@@ -137,7 +136,7 @@ class FeedbackEpisode(Episode):
                 -SECOND, 10**8, 10**8, -2**62, 2**62))
             self.invalid_stamps_ns.add(stamp_ns)
             if self.send(names, values, stamp_ns):
-                self.demand_finite()
+                self.check_finite()
             if draw.random() < 0.5:
                 self.now += draw.randrange(10**8)
             if draw.random() < 0.1:
@@ -154,7 +153,7 @@ class FeedbackEpisode(Episode):
                 -3.0, 13.0 if self.has_extremes else 3.0)
         return self.counter[self.names.index(name)] + draw.uniform(-1.0, 1.0)
 
-    def demand_finite(self) -> None:
+    def check_finite(self) -> None:
         """Check that all published values are finite, and each variance positive."""
         odometry = self.odometry
         for part in (odometry.pose, odometry.twist):
@@ -176,12 +175,12 @@ class FeedbackEpisode(Episode):
         if self.by_position and self.wrap:
             self.counter = [value % self.wrap for value in self.counter]
         sample = None
-        for tried in range(SYNCHRONISED_AFTER):
+        for tried in range(MAX_SYNCHRONISATION):
             self.move(draw.randrange(1_000_000, 50_000_000))
             sample = self.one_message()
             if sample:
                 break
-            demand(tried + 1 < SYNCHRONISED_AFTER, 'valid messages give no sample')
+            demand(tried + 1 < MAX_SYNCHRONISATION, 'valid messages give no sample')
         demand(self.is_new, 'a valid sample is out of order to the odometry')
         if draw.random() < 0.3:
             self.odometry.drive = self.drive()
@@ -203,7 +202,7 @@ class FeedbackEpisode(Episode):
             poses.append(self.odometry.pose)
         self.valid += count
         self.check_poses(np.array(truth), np.array(poses), stamps, start, close * count)
-        self.demand_finite()
+        self.check_finite()
 
     def check_poses(
         self, truth: np.ndarray, poses: np.ndarray, stamps: list[int],
@@ -291,7 +290,7 @@ class CommandEpisode(Episode):
     def __init__(self, seed: int, number: int) -> None:
         super().__init__(seed, number)
         draw = self.random
-        self.path = WheelCommander(
+        self.commander = WheelCommander(
             self.drive(), timeout=self.timeout(), max_wheel_speed=self.fastest(),
             linear_limits=self.limits(), angular_limits=self.limits(),
             period=10.0 ** draw.uniform(-3.0, 0.0))
@@ -322,24 +321,24 @@ class CommandEpisode(Episode):
 
     def run(self) -> None:
         """Command, step, and change the settings in between."""
-        draw, path = self.random, self.path
+        draw, commander = self.random, self.commander
         for _ in range(300):
             chance = draw.random()
             if chance < 0.02:
-                path.drive = self.drive()
+                commander.drive = self.drive()
             elif chance < 0.04:
-                path.timeout = self.timeout()
+                commander.timeout = self.timeout()
             elif chance < 0.06:
-                path.max_wheel_speed = self.fastest()
+                commander.max_wheel_speed = self.fastest()
             elif chance < 0.08:
-                path.linear_limits, path.angular_limits = self.limits(), self.limits()
+                commander.linear_limits, commander.angular_limits = self.limits(), self.limits()
             elif chance < 0.10:
-                path.inhibit(draw.choice(tuple(Inhibit)), True)
+                commander.inhibit(draw.choice(tuple(Inhibit)), True)
             elif chance < 0.14:
-                path.inhibit(draw.choice(tuple(Inhibit)), False)
+                commander.inhibit(draw.choice(tuple(Inhibit)), False)
             self.command()
             for _ in range(draw.choice((0, 1, 1, 1, 2))):
-                self.pass_time(draw.choice((path.period, 0.02, draw.uniform(0.0, 0.1))))
+                self.pass_time(draw.choice((commander.period, 0.02, draw.uniform(0.0, 0.1))))
                 self.step()
             if draw.random() < 0.02:
                 self.pass_time(draw.choice((-5.0, 0.5, 3.0)))
@@ -363,59 +362,60 @@ class CommandEpisode(Episode):
                 (draw.uniform(-100.0, 100.0), draw.uniform(-100.0, 100.0))))
             is_small = max(abs(self.last.linear), abs(self.last.angular)) < 1e6
             self.target = (linear, angular) if is_small else None
-            if self.path.inhibits:
+            if self.commander.inhibits:
                 self.target = 0.0, 0.0
         else:
             linear, angular = (
                 draw.choice((*EXTREMES, draw.uniform(-1.0, 1.0) * 10.0 ** draw.uniform(
                     -300.0, 308.0))) for _ in range(2))
             self.target = None
-            if self.path.inhibits or not math.isfinite(linear) or not math.isfinite(angular):
+            if self.commander.inhibits or not math.isfinite(linear) or not math.isfinite(angular):
                 self.target = 0.0, 0.0
         self.calls.append(('accept', linear, angular, self.now))
-        self.path.accept(linear, angular, self.now)
+        self.commander.accept(linear, angular, self.now)
 
     def step(self) -> None:
         """Do a step, and check the wheel command."""
-        path, last = self.path, self.last
-        self.calls.append(('step', self.now, path.timeout, path.max_wheel_speed, path.drive,
-                           path.linear_limits, path.angular_limits, path.period,
-                           set(path.inhibits)))
-        sent = self.last = path.step(self.now)
+        commander, last = self.commander, self.last
+        self.calls.append((
+            'step', self.now, commander.timeout, commander.max_wheel_speed, commander.drive,
+            commander.linear_limits, commander.angular_limits, commander.period,
+            set(commander.inhibits)))
+        sent = self.last = commander.step(self.now)
         self.calls.append(('sent', sent))
-        # While time stands still, an inhibit counts a period. Of a pause, all but five periods
-        # decelerate if the target was zero.
-        elapsed = path.period if self.stepped is None else (self.now - self.stepped) * 1e-9
-        elapsed = elapsed if elapsed > 0.0 else path.period if path.inhibits else 1e-9
-        self.seconds = min(elapsed, 5.0 * path.period)
+        # With a stalled clock, a step with an inhibit takes a period. In a pause, the time beyond
+        # five periods decelerates if the target was zero.
+        elapsed = commander.period if self.stepped is None else (self.now - self.stepped) * 1e-9
+        elapsed = elapsed if elapsed > 0.0 else commander.period if commander.inhibits else 1e-9
+        self.seconds = min(elapsed, 5.0 * commander.period)
         pause, valid_until = elapsed - self.seconds, self.valid_until
         self.stepped = self.now
         age_ns = None if self.received is None else self.now - self.received
-        is_timeout = path.timeout and age_ns is not None and not (
-            0 <= age_ns <= path.timeout * 1e9)
-        if path.inhibits or is_timeout:
+        is_timeout = commander.timeout and age_ns is not None and not (
+            0 <= age_ns <= commander.timeout * 1e9)
+        if commander.inhibits or is_timeout:
             self.target = 0.0, 0.0
         self.valid_until = None if self.target is None else (
             self.now if self.target == (0.0, 0.0) or self.received is None
-            else self.received + path.timeout * 1e9 if path.timeout else math.inf)
+            else self.received + commander.timeout * 1e9 if commander.timeout else math.inf)
         demand(all(map(math.isfinite, (sent.left, sent.right, sent.linear, sent.angular))),
                'not finite', sent)
-        limit = path.max_wheel_speed
+        limit = commander.max_wheel_speed
         demand(limit is None or max(abs(sent.left), abs(sent.right)) <= limit,
                'faster than max_wheel_speed', sent, limit)
-        amounts = path.drive.wheel_jacobian @ (sent.linear, 0.0, sent.angular)
+        amounts = commander.drive.wheel_jacobian @ (sent.linear, 0.0, sent.angular)
         demand(close_to(sent.left, amounts[0], amounts) and close_to(
             sent.right, amounts[1], amounts), 'twist and wheels differ', sent, amounts)
         is_limited = limit is not None and max(abs(amounts)) > 0.999999 * limit
-        # A speed at which live smaller wheels would turn infinitely fast stops at once.
+        # A live change to smaller wheels, whose speed overflows, stops at once.
         is_limited |= max(abs(last.linear), abs(last.angular)) > 1e300
         if self.target is None or (pause and valid_until is None):
             return
         if pause:
             pause = max(0.0, min(pause, (self.now - valid_until) * 1e-9))
         for target, limits, before, now in (
-                (self.target[0], path.linear_limits, last.linear, sent.linear),
-                (self.target[1], path.angular_limits, last.angular, sent.angular)):
+                (self.target[0], commander.linear_limits, last.linear, sent.linear),
+                (self.target[1], commander.angular_limits, last.angular, sent.angular)):
             if pause:
                 slowed = abs(before) - self.slowing(limits, before) * pause
                 before = math.copysign(max(slowed, 0.0), before)
@@ -434,8 +434,9 @@ class CommandEpisode(Episode):
         if not target:
             slowed = max(abs(before) - self.slowing(limits, before) * self.seconds, 0.0)
             demand(abs(now) <= slowed + tiny and (now * before >= 0.0 or abs(now) <= tiny),
-                   'zero is expected', now, before, slowed)
-            demand(is_limited or abs(now) >= slowed - tiny, 'stopped too hard', now, slowed)
+                   'not stopped by the deceleration limit', now, before, slowed)
+            demand(is_limited or abs(now) >= slowed - tiny,
+                   'decelerated beyond the limit', now, slowed)
         elif low <= before <= high:
             demand(low - tiny <= now <= high + tiny, 'beyond its velocity limit', now, low, high)
         if not is_limited:
@@ -453,7 +454,7 @@ class CommandEpisode(Episode):
                    'faster than its accelerations', before, now, target)
 
     def slowing(self, limits: AxisLimits, before: float) -> float:
-        """Return how fast motion slows down [1/s^2]; infinitely where no limit holds."""
+        """Return the deceleration, infinite without a limit."""
         if math.isnan(limits.max_acceleration):
             return math.inf
         rate = (-or_else(limits.max_deceleration, back(limits)) if before > 0.0
@@ -462,25 +463,25 @@ class CommandEpisode(Episode):
 
     def settle(self) -> None:
         """Repeat one command until it is reached, with limits that allow it soon."""
-        path = self.path
+        commander = self.commander
         for inhibit in Inhibit:
-            path.inhibit(inhibit, False)
-        path.linear_limits = AxisLimits(max_acceleration=50.0, max_deceleration=-40.0)
-        path.angular_limits = AxisLimits(max_acceleration=70.0, max_jerk=1e4)
-        path.max_wheel_speed, path.timeout, path.period = None, 0.5, 0.05
+            commander.inhibit(inhibit, False)
+        commander.linear_limits = AxisLimits(max_acceleration=50.0, max_deceleration=-40.0)
+        commander.angular_limits = AxisLimits(max_acceleration=70.0, max_jerk=1e4)
+        commander.max_wheel_speed, commander.timeout, commander.period = None, 0.5, 0.05
         if max(abs(self.last.linear), abs(self.last.angular)) > 200.0:
             return
-        asked = self.random.uniform(-5.0, 5.0), self.random.uniform(-5.0, 5.0)
+        command = self.random.uniform(-5.0, 5.0), self.random.uniform(-5.0, 5.0)
         for _ in range(250):
             self.messages += 1
             self.valid += 1
-            path.accept(*asked, self.now)
-            self.received, self.target = self.now, asked
+            commander.accept(*command, self.now)
+            self.received, self.target = self.now, command
             self.step()
-            if (self.last.linear, self.last.angular) == asked:
+            if (self.last.linear, self.last.angular) == command:
                 return
             self.pass_time(0.05)
-        raise WrongError(f'{self.last} after 250 periods of {asked}')
+        raise WrongError(f'{self.last} after 250 periods of {command}')
 
 
 def ahead(limits: AxisLimits) -> float:

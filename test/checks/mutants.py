@@ -1,5 +1,5 @@
 """
-Take each behaviour of doc/known_issues.md away, one by one, and see its tests fail.
+Check that the tests detect the loss of each behaviour of doc/known_issues.md.
 
     make mutants                   # all of them
     make mutants ARGS='7 23'       # rows 7 and 23
@@ -7,7 +7,7 @@ Take each behaviour of doc/known_issues.md away, one by one, and see its tests f
 
 A patch test/checks/mutants/ROW-NAME.patch is applied to a copy of the package, and the tests
 named in that row are run against it. One of them has to fail by an assertion: a patch that
-breaks an import shows nothing.
+breaks an import proves nothing.
 """
 import argparse
 from collections.abc import Iterable
@@ -23,16 +23,16 @@ import time
 from xml.etree import ElementTree
 
 TOP = Path(__file__).resolve().parents[2]
-LONGEST = 180.0  # [s] for the tests of one row, and for all of them before
+TIMEOUT_S = 180.0  # of the tests of one row, and of all without a patch
 ASSERTIONS = 'AssertionError', 'assert ', 'Failed: DID NOT RAISE'
 
 
 class MutantError(Exception):
-    """A mutant shows nothing, for a reason that is said in one line."""
+    """A mutant proves nothing; the message has the reason in one line."""
 
 
 def tests_of_rows() -> dict[int, list[str]]:
-    """Return the tests that doc/known_issues.md names, by the number of the row."""
+    """Return the tests in doc/known_issues.md, by the number of the row."""
     text = (TOP / 'doc' / 'known_issues.md').read_text()
     return {int(number): tests
             for number, row in re.findall(r'^\| (\d+) \|(.*)$', text, flags=re.MULTILINE)
@@ -46,7 +46,7 @@ def mutants() -> list[tuple[int, Path]]:
 
 
 def apply(patch: str, top: Path) -> None:
-    """Apply a unified diff to the files in a folder, wherever in them its lines now stand."""
+    """Apply a unified diff to the files in a folder, at any line that has its context."""
     for file in re.split(r'^--- .*\n', patch, flags=re.MULTILINE)[1:]:
         name, *hunks = re.split(r'^@@ .*\n', file, flags=re.MULTILINE)
         path = top / name.split()[1].partition('/')[2]
@@ -62,19 +62,19 @@ def apply(patch: str, top: Path) -> None:
 
 
 def failures(tests: Iterable[str], top: Path) -> dict[str, str]:
-    """Return which of the tests do not pass in a copy, stopping at the first, and why."""
+    """Return the first of the tests that does not pass in a copy, with the reason."""
     report = top / 'report.xml'
     report.unlink(missing_ok=True)
     process = subprocess.Popen(
         [sys.executable, '-m', 'pytest', '-q', '-x', '-p', 'no:cacheprovider',
          f'--junitxml={report}', *tests],
         cwd=top, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        start_new_session=True,  # so that what the tests have started ends with them
+        start_new_session=True,  # so that processes of the tests end with them
         env=os.environ | {'PYTHONPATH': str(top), 'PYTHONDONTWRITEBYTECODE': '1'})
     try:
-        output, _ = process.communicate(timeout=LONGEST)
+        output, _ = process.communicate(timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        raise MutantError(f'took longer than {LONGEST:g} s') from None
+        raise MutantError(f'took longer than {TIMEOUT_S:g} s') from None
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
@@ -86,7 +86,7 @@ def failures(tests: Iterable[str], top: Path) -> dict[str, str]:
             for result in case if result.tag in ('failure', 'error', 'skipped')}
 
 
-def killer(patch: Path, tests: Iterable[str], top: Path) -> str:
+def failing_test(patch: Path, tests: Iterable[str], top: Path) -> str:
     """Return the test that fails by an assertion when a patch is applied to a copy."""
     copy(top)
     apply(patch.read_text(), top)
@@ -103,15 +103,15 @@ def killer(patch: Path, tests: Iterable[str], top: Path) -> str:
 
 
 def copy(top: Path) -> None:
-    """Copy what the tests need to a folder, anew."""
+    """Replace the copy of the package and the tests in a folder."""
     for name in 'diffdrive_ros', 'test':
         shutil.rmtree(top / name, ignore_errors=True)
         shutil.copytree(TOP / name, top / name, ignore=shutil.ignore_patterns('__pycache__'))
     shutil.copy(TOP / 'pyproject.toml', top)
 
 
-def misfits(top: Path) -> list[str]:
-    """Return which patches do not apply to a copy, and why: those that do not run rot first."""
+def invalid_patches(top: Path) -> list[str]:
+    """Return the patches that do not apply to a copy, with the reasons."""
     found = []
     for _, patch in mutants():
         copy(top)
@@ -139,22 +139,22 @@ def main() -> int:
     passed = 0
     with tempfile.TemporaryDirectory() as folder:
         top = Path(folder)
-        if found := misfits(top):
+        if found := invalid_patches(top):
             print('\n'.join(found))
             return 1
         copy(top)
         named = dict.fromkeys(test for row, _ in chosen for test in tests[row])
         try:
-            unwell = failures(named, top)
+            broken = failures(named, top)
         except MutantError as error:
-            unwell = {'the suite': str(error)}
-        for test, reason in unwell.items():
+            broken = {'the suite': str(error)}
+        for test, reason in broken.items():
             print(f'{test} does not pass as it is: {reason}')
             return 1
         for row, patch in chosen:
             started_at = time.monotonic()
             try:
-                verdict = killer(patch, tests[row], top)
+                verdict = failing_test(patch, tests[row], top)
                 passed += 1
             except MutantError as error:
                 verdict = f'NOT CAUGHT: {error}'

@@ -1,5 +1,5 @@
 """
-What the page costs an odometry on the same machine: round trips with it open, and without.
+Measure the cost of the page for an odometry on the same machine: round trips with and without it.
 
 A round trip is from the publication of joint_states to the receipt of odom, in another process;
 each round has a new odometry. The browser runs without a debugger, which would receive each frame
@@ -60,7 +60,7 @@ def measured(domain: int, seconds: float) -> dict[str, float]:
             'seconds': seconds, 'check': True}
     result = run(domain, 'roundtrip.py', json.dumps(task))
     if result['wrong'] or result['answered'] < 1.0:
-        raise SystemExit(f'not as it has to be: {result}')
+        raise SystemExit(f'wrong poses or missing answers: {result}')
     return result
 
 

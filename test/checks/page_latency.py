@@ -1,5 +1,5 @@
 """
-From a key press in the browser to the wheel command, on this machine.
+Measure the latency from a key press in the browser to the wheel command, on this machine.
 
 Starts simulator, odometry, dashboard and a browser in the ROS domain that is set, presses W at
 random phases, and measures the time until the first wheel command that is not zero arrives: from

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The package as a ROS user meets it: colcon build, ros2 run, a teleop, echo, param. Needs ros2 and
-# colcon on the PATH; every line that starts with $ is a command that was run.
+# Check the package by the commands of a ROS user: colcon build, ros2 run, teleoperation, echo,
+# param. Needs ros2 and colcon on the PATH; it prints each command after a $.
 set -euo pipefail
 set -m # background jobs get process groups of their own, and Ctrl-C can be sent to one
 

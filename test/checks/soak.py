@@ -47,10 +47,10 @@ RATE = 200.0  # [Hz]
 COMMAND_PERIOD = 0.05  # [s]
 TIMEOUT = 0.5  # [s]
 FASTEST_WHEEL = 12.0  # [rad/s]
-STOP_TIME = 0.35  # [s] at most: the deceleration, a period, a busy machine
+MAX_STOP_TIME = 0.35  # [s]: the deceleration, a period, a busy machine
 SETTLED = 5.0  # [min] after which the process may not grow
 MAX_GROWTH = 1.0  # [MB]
-CLOSE = 1e-6  # [m, rad] after kilometres of curves
+POSE_TOLERANCE = 1e-6  # [m, rad] after kilometres of curves
 
 DEEP_AND_RELIABLE = {
     f'qos_overrides./{end}.{name}': value
@@ -162,7 +162,7 @@ class Soak:
             off = max(abs(x - pose[0]), abs(y - pose[1]),
                       abs(math.remainder(theta - pose[2], math.tau)))
             self.furthest = max(self.furthest, off)
-            if not off < CLOSE:
+            if not off < POSE_TOLERANCE:
                 self.fail(f'pose at {due}: {x}, {y}, {theta}, expected {pose}')
                 return
 
@@ -200,12 +200,12 @@ class Soak:
 
     def _send_not_finite(self) -> None:
         """Stop the wheels by a command that is not finite."""
-        self._drive_on_for(0.1)  # a newer command replaces one in the queue
+        self._send_samples(0.1)  # a newer command replaces one in the queue
         self._commands += 1
         self._not_finite += 1
         self.station.say('cmd_vel', twist(math.nan, 0.1))
-        self._drive_on_for(STOP_TIME)
-        self._demand_stop('a command that is not finite')
+        self._send_samples(MAX_STOP_TIME)
+        self._check_stop('a command that is not finite')
         self._commanded_at = math.inf
 
     def _let_time_out(self) -> None:
@@ -213,17 +213,17 @@ class Soak:
         self._command_at = 0.0
         self._command(time.monotonic())
         self._timeouts += 1
-        self._drive_on_for(TIMEOUT + STOP_TIME)
-        self._demand_stop('a timeout')
+        self._send_samples(TIMEOUT + MAX_STOP_TIME)
+        self._check_stop('a timeout')
         self._commanded_at = math.inf
 
     def _disable(self) -> None:
         """Disable the wheels, and enable them again."""
         self._call(1, SetBool.Request(data=False))
-        self._drive_on_for(STOP_TIME)
+        self._send_samples(MAX_STOP_TIME)
         self._command(time.monotonic())
-        self._drive_on_for(0.06)
-        self._demand_stop('~/enable with false')
+        self._send_samples(0.06)
+        self._check_stop('~/enable with false')
         self._call(1, SetBool.Request(data=True))
         self._commanded_at = math.inf
 
@@ -258,14 +258,14 @@ class Soak:
         wait_until(future.done)
         return future.result()
 
-    def _drive_on_for(self, seconds: float) -> None:
+    def _send_samples(self, seconds: float) -> None:
         """Send wheel messages, and no commands."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             self.drive.ordinary_sample()
             time.sleep(1.0 / RATE)
 
-    def _demand_stop(self, after: str) -> None:
+    def _check_stop(self, after: str) -> None:
         if any(self._speeds):
             self.fail(f'the wheels turn at {self._speeds} rad/s after {after}')
 

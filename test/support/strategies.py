@@ -1,4 +1,4 @@
-"""Robots, poses and twists as Hypothesis draws them: sensible in size, with the awkward turns."""
+"""Strategies of Hypothesis: geometries, poses and twists of plausible size, with edge cases."""
 import math
 
 from diffdrive_ros.core.kinematics import DiffDrive
@@ -8,7 +8,7 @@ metres = st.floats(-10.0, 10.0)
 half_turns = st.one_of(
     st.floats(-math.pi, math.pi, exclude_min=True),
     st.sampled_from([0.0, 1e-18, -1e-17, 1e-8, -1e-8, -math.pi / 2, math.pi]))
-"""Angles within (-pi, pi]: those of poses and twists that log can tell."""
+"""Angles within (-pi, pi]: the range of se2.log."""
 many_turns = st.one_of(st.floats(-20.0, 20.0), half_turns)
 
 points = st.tuples(metres, metres)
@@ -18,4 +18,4 @@ twists = st.tuples(metres, metres, many_turns)
 drives = st.builds(DiffDrive, st.floats(0.05, 2.0), st.floats(0.02, 0.5), st.floats(0.02, 0.5))
 wheel_steps = st.lists(
     st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)), min_size=1, max_size=20)
-"""What the left and the right wheel turn from sample to sample [rad]."""
+"""Increments of the left and the right wheel angle from sample to sample [rad]."""
