@@ -11,7 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from diffdrive_ros.core.quaternion import quaternion_of_heading
 from diffdrive_ros.dashboard.teleop import Twist as TeleopTwist
-from diffdrive_ros.node import clock, rclpy_internals
+from diffdrive_ros.node import rclpy_internals, steady_clock
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterEvent
@@ -60,7 +60,7 @@ class LatestMessage:
     @property
     def age(self) -> float:
         """Return the time since its receipt [s]."""
-        return clock.steady() - self._received_at
+        return steady_clock.steady() - self._received_at
 
     @property
     def message(self) -> Any:
@@ -69,7 +69,7 @@ class LatestMessage:
         return raw and self._deserialize(raw, self._kind)
 
     def _receive(self, raw: bytes) -> None:
-        self._serialized, self._received_at = raw, clock.steady()
+        self._serialized, self._received_at = raw, steady_clock.steady()
 
 
 class LatestJointSpeeds:
@@ -93,11 +93,11 @@ class LatestJointSpeeds:
                 if name in missing and math.isfinite(speed)}
             self._speeds.update(found)
             missing -= found.keys()
-        now = clock.steady()
+        now = steady_clock.steady()
         return {name: speed for name, (at, speed) in self._speeds.items() if now - at < max_age}
 
     def _receive(self, raw: bytes) -> None:
-        self._queue.append((clock.steady(), raw))
+        self._queue.append((steady_clock.steady(), raw))
 
 
 class DashboardNode(Node):
@@ -229,7 +229,7 @@ class DashboardNode(Node):
             and not end.node_name.startswith(ROS2CLI_PREFIX))
 
     def _on_diagnostics(self, message: Any) -> None:
-        now = clock.steady()
+        now = steady_clock.steady()
         for status in message.status:
             self.diagnostics[status.name] = now, status
             if status.name == self.commands_status:
@@ -237,7 +237,7 @@ class DashboardNode(Node):
 
     def _on_parameters(self, message: Any) -> None:
         if message.node == self.observed:
-            self.parameters_changed_at = clock.steady()
+            self.parameters_changed_at = steady_clock.steady()
 
 
 def full_name(end: Any) -> str:

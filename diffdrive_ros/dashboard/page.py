@@ -4,7 +4,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diffdrive_ros.dashboard.driving_permission import DrivingPermission
 from diffdrive_ros.dashboard.elements import (
     LiveText,
     notify_result,
@@ -13,6 +12,7 @@ from diffdrive_ros.dashboard.elements import (
     StopButton,
     TeleopPad,
 )
+from diffdrive_ros.dashboard.page_permission import PagePermission
 from diffdrive_ros.dashboard.panels import (
     DiagnosticsPanel,
     EQUATIONS,
@@ -29,7 +29,7 @@ from diffdrive_ros.dashboard.teleop import (
     twist_of_joystick,
     twist_of_keys,
 )
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from nicegui import ui
 
 DIAGNOSTICS = 'Diagnostics'
@@ -43,7 +43,7 @@ class Page:
 
     def __init__(self, robot: DashboardRobot, identity: str) -> None:
         self._robot = robot
-        self._permission = DrivingPermission(robot, identity)
+        self._permission = PagePermission(robot, identity)
         self._build()
 
     def show(self, now: float) -> None:
@@ -160,7 +160,7 @@ class Page:
             self._robot.publish(teleop.reject(self._permission.page))
             return
         self._map.acknowledge(heartbeat.frame_time, bool(data.get('isVisible')))
-        self._robot.publish(teleop.accept(self._permission.page, heartbeat, clock.steady()))
+        self._robot.publish(teleop.accept(self._permission.page, heartbeat, steady_clock.steady()))
 
     def _commanded_twist(self, data: Mapping[str, Any]) -> Twist:
         limits = self._max_speed.of(data), self._max_turn_rate.of(data)

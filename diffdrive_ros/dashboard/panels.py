@@ -6,12 +6,12 @@ from typing import Any
 
 from diffdrive_ros.dashboard import equations
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError
-from diffdrive_ros.dashboard.driving_permission import DrivingPermission
 from diffdrive_ros.dashboard.elements import HoldButton, LiveText, notify_result, RobotMap
+from diffdrive_ros.dashboard.page_permission import PagePermission
 from diffdrive_ros.dashboard.remote_parameters import RemoteParameter
 from diffdrive_ros.dashboard.robot import DashboardRobot
 from diffdrive_ros.dashboard.software_stop import DIAGNOSTICS_TIMEOUT_S
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from nicegui import ui
 from rcl_interfaces.msg import ParameterType
 
@@ -25,7 +25,7 @@ class KinematicsPanel:
     """The equations with the numbers of the robot, or with those that are dragged on the map."""
 
     def __init__(
-        self, robot: DashboardRobot, robot_map: RobotMap, permission: DrivingPermission,
+        self, robot: DashboardRobot, robot_map: RobotMap, permission: PagePermission,
     ) -> None:
         self._robot, self._map, self._permission = robot, robot_map, permission
         self._pose: Sequence[float] | None = None
@@ -68,13 +68,13 @@ class KinematicsPanel:
 
     @property
     def _dragged_pose(self) -> Sequence[float] | None:
-        return self._pose if clock.steady() - self._dragged_at < DRAGGED_POSE_S else None
+        return self._pose if steady_clock.steady() - self._dragged_at < DRAGGED_POSE_S else None
 
     def _on_drag(self, data: Mapping[str, Any]) -> None:
         """Show what is dragged on the map; set the pose where it is dropped."""
         pose, wheels = data.get('pose'), data.get('wheels')
         if pose is not None and len(pose) == 3 and all(map(math.isfinite, pose)):
-            self._pose, self._dragged_at = pose, clock.steady()
+            self._pose, self._dragged_at = pose, steady_clock.steady()
         if wheels is not None and len(wheels) == 2 and all(map(math.isfinite, wheels)):
             self.wheels = float(wheels[0]), float(wheels[1])
             self._fill(self.wheels)
@@ -104,7 +104,7 @@ class KinematicsPanel:
 class ParametersPanel:
     """The live parameters, each with its description, its rule and the response of the node."""
 
-    def __init__(self, robot: DashboardRobot, permission: DrivingPermission) -> None:
+    def __init__(self, robot: DashboardRobot, permission: PagePermission) -> None:
         self._parameters, self._permission = robot.parameters, permission
         self._shown: Mapping[str, RemoteParameter] = {}
         self._fields: dict[str, Any] = {}
@@ -178,7 +178,7 @@ class DiagnosticsPanel:
 
     def refresh(self) -> None:
         """Show the newest statuses, sorted by their names."""
-        now = clock.steady()
+        now = steady_clock.steady()
         if now - self._refreshed_at < STATUS_PERIOD_S:
             return
         self._refreshed_at = now

@@ -7,7 +7,7 @@ from typing import Any
 from diffdrive_ros.core.odometry_config import diff_drive, wheel_names
 from diffdrive_ros.core.parameter_specs import checked_values, GEOMETRY
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -67,7 +67,7 @@ class RemoteParameters:
         if self._read_at <= self._node.parameters_changed_at:
             return True
         if self.mismatch:
-            return clock.steady() - self._read_at > MISMATCH_RETRY_S
+            return steady_clock.steady() - self._read_at > MISMATCH_RETRY_S
         return not self.is_known
 
     def invalidate(self) -> None:
@@ -77,7 +77,7 @@ class RemoteParameters:
 
     async def read(self) -> None:
         """Read all parameters of the node, and derive its geometry; raises ServiceError."""
-        read_at, invalidations = clock.steady(), self.invalidations
+        read_at, invalidations = steady_clock.steady(), self.invalidations
         received = await read_all(self._node)
         if self.invalidations != invalidations:
             return  # the response is that of an earlier process

@@ -10,7 +10,7 @@ from diffdrive_ros.dashboard.dashboard_node import DashboardNode, ServiceError, 
 from diffdrive_ros.dashboard.page import Page
 from diffdrive_ros.dashboard.robot import DashboardRobot
 from diffdrive_ros.dashboard.teleop import STOP
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from diffdrive_ros.node.robot_processes import RobotEndedError, RobotProcesses
 from nicegui import app, background_tasks, Client, ui
 
@@ -61,10 +61,10 @@ class Server:
         self._robot.node.flush_commands()
 
     async def _check_heartbeats(self) -> None:
-        self._robot.publish(self._robot.teleop.check_timeout(clock.steady()))
+        self._robot.publish(self._robot.teleop.check_timeout(steady_clock.steady()))
 
     async def _show_frame(self) -> None:
-        now = clock.steady()  # before the update: latency is never underestimated
+        now = steady_clock.steady()  # before the update: latency is never underestimated
         try:
             self._robot.update()
         finally:  # the pages show the rest, whatever is wrong with a message

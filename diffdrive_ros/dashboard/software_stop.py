@@ -5,7 +5,7 @@ from typing import Any
 from diffdrive_ros.core.wheel_commander import Inhibit, REASONS
 from diffdrive_ros.dashboard.dashboard_node import DashboardNode
 from diffdrive_ros.dashboard.teleop import Teleop
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from std_srvs.srv import SetBool
 
 DIAGNOSTICS_TIMEOUT_S = 3.0  # of a status that comes once a second
@@ -27,7 +27,7 @@ class CommandsStatus:
         received_at, _ = self._node.diagnostics.get(
             self._node.commands_status, (-math.inf, None))
         return (received_at >= self._valid_from
-                and clock.steady() - received_at <= DIAGNOSTICS_TIMEOUT_S)
+                and steady_clock.steady() - received_at <= DIAGNOSTICS_TIMEOUT_S)
 
     @property
     def inhibits(self) -> list[str]:
@@ -39,7 +39,7 @@ class CommandsStatus:
     def restart(self) -> None:
         """Expect the statuses of another process of the node."""
         self.arrivals += 1
-        self.discard_before(clock.steady())
+        self.discard_before(steady_clock.steady())
 
     def discard_before(self, moment: float) -> None:
         """Ignore the statuses received before a moment: they describe an earlier state."""
@@ -77,7 +77,7 @@ class SoftwareStop:
 
     async def enable(self, is_enabled: bool) -> str:
         """Enable or disable the node; return its message; raises ServiceError."""
-        called_at, arrival = clock.steady(), self._commands.arrivals
+        called_at, arrival = steady_clock.steady(), self._commands.arrivals
         self._pending_calls += 1
         try:
             response = await self._node.call('enable', SetBool.Request(data=is_enabled))

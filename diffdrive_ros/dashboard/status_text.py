@@ -1,10 +1,10 @@
 """The texts of the page: who may drive, and the numbers beside the map."""
-from diffdrive_ros.dashboard.driving_permission import DrivingPermission
+from diffdrive_ros.dashboard.page_permission import PagePermission
 from diffdrive_ros.dashboard.robot import DashboardRobot
 from diffdrive_ros.dashboard.teleop import Twist
 
 
-def status_text(robot: DashboardRobot, permission: DrivingPermission) -> str:
+def status_text(robot: DashboardRobot, permission: PagePermission) -> str:
     """Return the status line of a page."""
     others = ', '.join(robot.other_commanders)
     return _state(robot, permission) + (f' ({others} on cmd_vel too)' if others else '')
@@ -27,7 +27,7 @@ def ellipse_text(robot: DashboardRobot) -> str:
     return f'● 95 % of the position{size}'
 
 
-def _state(robot: DashboardRobot, permission: DrivingPermission) -> str:
+def _state(robot: DashboardRobot, permission: PagePermission) -> str:
     if robot.odom is None:
         return 'No robot yet: nothing received on odom'
     if robot.software_stop.is_confirmed:

@@ -1,7 +1,7 @@
 """The clock by which commands age, and its stall."""
 import time
 
-from diffdrive_ros.node.clock import steady_ns
+from diffdrive_ros.node.steady_clock import steady_ns
 from rclpy.node import Node
 
 CLOCK_STALL_S = 1.0

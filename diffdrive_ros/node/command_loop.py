@@ -8,9 +8,9 @@ from diffdrive_ros.core.lateness import ALIKE_NS, Lateness
 from diffdrive_ros.core.odometry_config import OdometryConfig
 from diffdrive_ros.core.wheel_commander import Inhibit, STOP, WheelCommander
 from diffdrive_ros.node import rclpy_internals
-from diffdrive_ros.node.clock import steady_ns
 from diffdrive_ros.node.command_clock import CommandClock
 from diffdrive_ros.node.odom_publisher import OdomPublisher
+from diffdrive_ros.node.steady_clock import steady_ns
 from diffdrive_ros.node.throttled_warning import ThrottledWarning
 from diffdrive_ros.node.wheel_commands import NEWEST_ONLY, of_each, SENDERS
 from geometry_msgs.msg import Twist, TwistStamped

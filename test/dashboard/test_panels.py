@@ -5,7 +5,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diffdrive_ros.core.kinematics import DiffDrive
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 import pytest
 
 if not os.environ.get('CI'):
@@ -26,7 +26,7 @@ def test_diagnostics_panel_lists_statuses_once_a_second(
     from nicegui import Client, ui
 
     statuses, now = {}, 100.0
-    monkeypatch.setattr(clock, 'steady', lambda: now)
+    monkeypatch.setattr(steady_clock, 'steady', lambda: now)
 
     def receive(name: str, message: str) -> None:
         statuses[name] = now, DiagnosticStatus(name=name, message=message, level=b'\x01')

@@ -6,7 +6,7 @@ import math
 from diffdrive_ros.dashboard.dashboard_node import ServiceError
 from diffdrive_ros.dashboard.remote_parameters import MISMATCH_RETRY_S, parse
 from diffdrive_ros.dashboard.robot import DashboardRobot
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from diffdrive_ros.node.odometry_node import OdometryNode
 from nav_msgs.msg import Odometry
 import pytest
@@ -27,12 +27,12 @@ def test_node_that_is_no_odometry_is_named_and_read_rarely(
     assert not robot.parameters.are_outdated
     assert receive_odom().reason_not_to_drive == (
         "/odometry is another node than odometry: it has no parameter 'cmd_vel_timeout'")
-    robot.node.parameters_changed_at = clock.steady()
+    robot.node.parameters_changed_at = steady_clock.steady()
     assert robot.parameters.are_outdated
     robot.node.parameters_changed_at = 0.0
-    later = clock.steady() + MISMATCH_RETRY_S
+    later = steady_clock.steady() + MISMATCH_RETRY_S
     with monkeypatch.context() as patch:
-        patch.setattr(clock, 'steady', lambda: later)
+        patch.setattr(steady_clock, 'steady', lambda: later)
         assert robot.parameters.are_outdated
     station.node.create_publisher(Odometry, 'odom', 1)
     wait_until(lambda: 'not read yet' in receive_odom().reason_not_to_drive)

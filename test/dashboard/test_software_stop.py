@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diffdrive_ros.core.wheel_commander import Inhibit, REASONS
 from diffdrive_ros.dashboard.robot import DashboardRobot
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from diffdrive_ros.node.odometry_node import OdometryNode
 import pytest
 from support.observed_robot import drive, read_parameters
@@ -90,7 +90,7 @@ def test_release_of_a_stop_does_not_release_the_next_one(observed: DashboardRobo
 
 def test_only_the_observed_odometry_counts_as_disabled(observed: DashboardRobot) -> None:
     """Not that of another observed on the same network."""
-    status = clock.steady(), SimpleNamespace(
+    status = steady_clock.steady(), SimpleNamespace(
         values=[KeyValue(key='inhibits', value='disabled')])
     observed.node.diagnostics['/robot2/odometry: commands'] = status
     observed.node.diagnostics['/odometry2: commands'] = status

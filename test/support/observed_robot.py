@@ -3,7 +3,7 @@ import asyncio
 
 from diffdrive_ros.dashboard.robot import DashboardRobot
 from diffdrive_ros.dashboard.teleop import Heartbeat, STOP
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 
 FORWARD = (0.3, 0.0)
 
@@ -16,6 +16,6 @@ def read_parameters(robot: DashboardRobot) -> None:
 def drive(robot: DashboardRobot) -> None:
     """Have a page drive."""
     for number, command in enumerate((STOP, FORWARD)):
-        now = clock.steady()
+        now = steady_clock.steady()
         robot.publish(robot.teleop.accept('a', Heartbeat(number, now, command), now))
     assert robot.teleop.is_moving

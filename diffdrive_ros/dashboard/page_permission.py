@@ -4,12 +4,12 @@ import math
 from typing import Any
 
 from diffdrive_ros.dashboard.robot import DashboardRobot
-from diffdrive_ros.node import clock
+from diffdrive_ros.node import steady_clock
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 
-class DrivingPermission:
+class PagePermission:
     """What a page may do; a real robot has to be unlocked first, and anew after each restart."""
 
     def __init__(self, robot: DashboardRobot, page: str) -> None:
@@ -71,7 +71,7 @@ class DrivingPermission:
             frame_time, stop_count = float(frame['frameTime']) / 1e3, int(frame['stopCount'])
         except (KeyError, TypeError, ValueError, OverflowError):
             frame_time, stop_count = math.nan, 0
-        if self._robot.teleop.is_current(frame_time, stop_count, clock.steady()):
+        if self._robot.teleop.is_current(frame_time, stop_count, steady_clock.steady()):
             return True
         ui.notify('The latency was too high, or STOP was pressed meanwhile: nothing was changed. '
                   'Check the page, and try again.', type='warning')
