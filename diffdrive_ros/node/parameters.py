@@ -72,8 +72,9 @@ def is_example_robot(node: Node, overrides: Values, has_parameter_file: bool) ->
         return True
     missing = missing_geometry(overrides)
     if missing:
-        why = (f'{", ".join(given)} came without it' if given else 'the parameter file has '
-               f'nothing of it under a key that is {node.get_fully_qualified_name()}')
+        name = node.get_fully_qualified_name()
+        why = (f'{", ".join(given)} came without it' if given else 'the parameter file gives '
+               f'{name} no geometry: its key must be {name} or /**/{node.get_name()}')
         if similar := nearest_name(missing.name, overrides.keys() - geometry, 0.6):
             why += f'; {similar} is no parameter of this node'
         raise ParameterError(missing.name, '(not set)', f'{missing.rule.text}; {why}')

@@ -306,7 +306,7 @@ def test_parameter_file_for_another_node_is_rejected(start: Start, tmp_path: Pat
     assert process.wait() == 1
     [logged] = process.output.strip().splitlines()
     assert 'wheel_separation = (not set): must be positive' in logged
-    assert 'nothing of it under a key that is /odometry' in logged
+    assert 'gives /odometry no geometry: its key must be /odometry or /**/odometry' in logged
 
 
 @pytest.mark.parametrize('text', ['odometry:\n  ros__parameters:\n    wheel_rad', '', '{'])
