@@ -1,4 +1,4 @@
-"""Every test has a ROS domain of its own, and none reaches beyond this machine."""
+"""Give each test its own ROS domain, without traffic beyond this machine."""
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
@@ -22,10 +22,10 @@ settings.load_profile('suite')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a field of a wrong type raises
 
-# What nohup has ignored, the processes that they start would ignore too, and nodes honour that.
+# Child processes inherit an ignored SIGHUP, as of nohup, and nodes keep it ignored.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# Domains whose ports are free of Linux's ephemeral ones; each worker begins elsewhere.
+# Domains without ephemeral ports of Linux; each worker begins with another one.
 WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
 WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
 _domains = itertools.cycle(range(1 + WORKER, 102, WORKERS))
@@ -33,7 +33,7 @@ for _ in range(os.getppid() % 101):
     next(_domains)
 
 
-# No distribution has rosbags: where pip has not brought it, what needs it is left out.
+# No distribution has rosbags: without it, the tests that need it are not collected.
 collect_ignore = [] if find_spec('rosbags') or os.environ.get('CI') else [
     f'tools/test_{name}.py' for name in (
         'bags', 'calibrate', 'pool', 'replay_like_node', 'replay_tool')]
@@ -41,7 +41,7 @@ collect_ignore = [] if find_spec('rosbags') or os.environ.get('CI') else [
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Give a ROS domain that no other test on this machine has meanwhile."""
+    """Reserve a ROS domain that no other test on this machine uses."""
     for number in _domains:
         with Path(tempfile.gettempdir(), f'diffdrive_ros-domain-{number}.lock').open('w') as lock:
             try:
@@ -70,7 +70,7 @@ def domain_of_module() -> Iterator[int]:
 
 @pytest.fixture
 def station(domain: int) -> Iterator[Station]:
-    """Return a driver's station in the domain of the test."""
+    """Return an operator station in the domain of the test."""
     station = Station(domain)
     yield station
     station.close()
@@ -104,8 +104,8 @@ def make(station: Station) -> Callable[..., OdometryNode]:
 @pytest.fixture
 def logged(capfd: pytest.CaptureFixture) -> Callable[[], str]:
     """
-    Return a function that returns what was logged until now.
+    Return a function that returns the log until now.
 
-    It looks into the file itself: readouterr loses what another thread writes while it reads.
+    It reads the file itself: readouterr loses concurrent writes of another thread.
     """
     return Path('/proc/self/fd/2').read_text

@@ -135,7 +135,7 @@ def _core(results: Results) -> str:
 
 
 def draw(results: Results, path: Path) -> None:
-    """Draw what the tables say."""
+    """Draw the content of the tables."""
     import matplotlib as mpl
     mpl.use('Agg')
     from matplotlib import pyplot as plt

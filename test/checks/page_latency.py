@@ -54,7 +54,7 @@ def main() -> None:
 
 def presses(person: Person, station: Station, count: int) -> list[tuple[float, float]]:
     """Return the times from presses of W, by both clocks, to their wheel commands [s]."""
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     person.wait_for('Nobody drives')
     # event.timeStamp counts from timeOrigin; the offset converts it to the clock of this process.
     person.page.evaluate("""window.addEventListener('keydown', (event) => {

@@ -195,15 +195,15 @@ class Soak:
             self._late += 1  # this process was delayed: the node may have a timeout
         self._command_at, self._commanded_at = now + COMMAND_PERIOD, now
         self._commands += 1
-        self.station.say('cmd_vel', twist(self.random.uniform(0.2, 2.0),
-                                          self.random.uniform(-4.0, 4.0)))
+        self.station.publish('cmd_vel', twist(self.random.uniform(0.2, 2.0),
+                                              self.random.uniform(-4.0, 4.0)))
 
     def _send_not_finite(self) -> None:
         """Stop the wheels by a command that is not finite."""
         self._send_samples(0.1)  # a newer command replaces one in the queue
         self._commands += 1
         self._not_finite += 1
-        self.station.say('cmd_vel', twist(math.nan, 0.1))
+        self.station.publish('cmd_vel', twist(math.nan, 0.1))
         self._send_samples(MAX_STOP_TIME)
         self._check_stop('a command that is not finite')
         self._commanded_at = math.inf
@@ -272,7 +272,7 @@ class Soak:
     def _send(self, names: object, positions: object, velocities: object, stamp: int) -> None:
         message = JointState(name=list(names), position=positions, velocity=velocities)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-        self.station.say('joint_states', message)
+        self.station.publish('joint_states', message)
         self.messages += 1
 
     def _on_odom(self, message: Odometry) -> None:

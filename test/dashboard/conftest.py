@@ -109,7 +109,7 @@ def receive_odom(station: Station, observed: DashboardRobot) -> Callable[[], Das
     """Return a function that has the robot receive a message on odom, and update."""
     def receive() -> DashboardRobot:
         def is_received() -> bool:
-            station.say('odom', Odometry())
+            station.publish('odom', Odometry())
             observed.update()
             return observed.node.odom.age < 0.1
 

@@ -44,7 +44,7 @@ def test_odometry_started_after_the_stop_is_disabled_too(
     ahead.linear.x = 0.1
 
     def is_driven() -> bool:
-        observer.say('cmd_vel', ahead)
+        observer.publish('cmd_vel', ahead)
         return robot.is_driven()
 
     wait_until(is_driven, pause=0.05)
@@ -120,7 +120,7 @@ def test_real_robot_is_display_only_until_it_is_unlocked(
     start('simulator_node')
     odometry = start('odometry_node')
     robot = Robot(observer)
-    station.hear(JointState, 'wheel_commands')  # as a motor driver
+    station.subscribe(JointState, 'wheel_commands')  # as a motor driver
     person = visit(serve().url)
     person.wait_for('a real robot')
     assert barriers(person) == []

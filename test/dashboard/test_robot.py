@@ -133,7 +133,7 @@ def test_wheel_speeds_are_shown_from_any_messages(
 
     def are_shown() -> bool:
         for message in messages:
-            station.say('joint_states', message, listeners=2)
+            station.publish('joint_states', message, subscribers=2)
         observed.update()
         return observed.wheels == (5.0, 6.0)
 
@@ -150,7 +150,7 @@ def test_wheels_without_speeds_are_shown_by_odometry(
     assert receive_odom().wheels == (0.0, 0.0)
     message = Odometry()
     message.twist.twist.linear.x = GEOMETRY['wheel_radius']
-    station.say_until(
+    station.publish_until(
         lambda: robot.update() or robot.wheels == pytest.approx(
             (1.0, 1.0 / GEOMETRY['right_wheel_radius_multiplier'])),
         'odom', iter(lambda: message, None))
@@ -160,7 +160,7 @@ def test_wheels_without_speeds_are_shown_by_odometry(
 def test_command_is_not_shown_after_a_timeout(station: Station, observed: DashboardRobot) -> None:
     """Nor is anything else that was received."""
     observed.node.advertise_commands(False)
-    station.say('cmd_vel', twist(0.2, 0.1))
+    station.publish('cmd_vel', twist(0.2, 0.1))
     wait_until(lambda: observed.commanded == (0.2, 0.1))
     wait_until(lambda: observed.commanded is None)
 

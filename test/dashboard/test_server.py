@@ -64,7 +64,7 @@ def test_odometry_of_the_same_namespace_is_accepted(observed: str, namespace: st
 def test_simulation_is_not_started_on_topics_in_use(
         station: Station, start_page: Callable[..., Dashboard]) -> None:
     """A subscriber of cmd_vel may be a real robot."""
-    station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
+    station.subscribe(type(twist(0.0, 0.0)), 'cmd_vel')
     dashboard = start_page('--simulate')
     assert dashboard.wait() == 1
     assert 'topics in use: cmd_vel (station)' in dashboard.output

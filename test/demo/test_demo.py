@@ -60,7 +60,7 @@ def demo(domain: int, tmp_path: Path) -> Iterator[Demo]:
 
 def wait_until_driving(station: Station) -> None:
     """Return when the robot has left its place."""
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
     wait_until(lambda: received and received[-1][1].pose.pose.position.x > 0.1)
 
 
@@ -138,7 +138,7 @@ def test_interrupted_demo_exits_with_1(demo: Demo) -> None:
 
 def test_demo_does_not_drive_another_robot(station: Station, domain: int, tmp_path: Path) -> None:
     """A subscriber of cmd_vel exists already: it may be a real one."""
-    station.hear(type(twist(0.0, 0.0)), 'cmd_vel')
+    station.subscribe(type(twist(0.0, 0.0)), 'cmd_vel')
     demo = Demo(tmp_path / 'demo.png')
     try:
         assert demo.wait() == 1

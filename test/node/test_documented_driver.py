@@ -33,12 +33,12 @@ def driver(tmp_path: Path, domain: int) -> Iterator[subprocess.Popen]:
 def test_documented_driver_drives_and_its_watchdog_stops_it(
         driver: subprocess.Popen, station: Station, start: Callable[..., Process]) -> None:
     """Forward and left as the page has it, then the stop after kill -9, then Ctrl-C."""
-    poses = station.hear(Odometry, 'odom')
-    joints = station.hear(JointState, 'joint_states')
+    poses = station.subscribe(Odometry, 'odom')
+    joints = station.subscribe(JointState, 'joint_states')
     odometry = start('odometry_node', wheel_separation=0.160, wheel_radius=0.033)
     wait_until(lambda: poses)
     commands = iter(lambda: twist(0.1, 0.5), None)
-    station.say_until(
+    station.publish_until(
         lambda: abs(poses[-1][1].twist.twist.linear.x - 0.1) < 0.01
         and abs(poses[-1][1].twist.twist.angular.z - 0.5) < 0.05, 'cmd_vel', commands)
     assert poses[-1][1].pose.pose.position.x > 0.0

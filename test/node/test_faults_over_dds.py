@@ -34,13 +34,13 @@ DEEP_AND_RELIABLE = {
 
 
 class Robot:
-    """A node as a process, the drive that it is told of, and what it answers."""
+    """A node as a process, the faulty run that it receives, and its odometry."""
 
     def __init__(self, station: Station) -> None:
         self.station = station
-        self.odometry = station.hear(Odometry, 'odom')
-        self.diagnostics = station.hear(DiagnosticArray, '/diagnostics')
-        self.drive = FaultyRun(self.say)
+        self.odometry = station.subscribe(Odometry, 'odom')
+        self.diagnostics = station.subscribe(DiagnosticArray, '/diagnostics')
+        self.drive = FaultyRun(self.publish)
         self.expected = Expected(DiffDrive(SEPARATION, LEFT_RADIUS, RIGHT_RADIUS))
 
     def begin(self) -> None:
@@ -54,12 +54,12 @@ class Robot:
         self.drive.counts.clear()
         self.counted_before = self.counters()
 
-    def say(self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
-            stamp: int) -> None:
+    def publish(self, names: Sequence[str], positions: Sequence[float],
+                velocities: Sequence[float], stamp: int) -> None:
         """Publish a message."""
         message = JointState(name=list(names), position=positions, velocity=velocities)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-        self.station.say('joint_states', message)
+        self.station.publish('joint_states', message)
 
     def judge(self) -> None:
         """Compare every answer since the last time with what was due."""
@@ -159,7 +159,7 @@ def test_poses_are_right_through_any_mixture_of_faults(robot: Robot) -> None:
 
 
 def test_faults_are_counted(robot: Robot) -> None:
-    """By the words in which diagnostics say it."""
+    """The counters of the diagnostics have the faults."""
     for fault in FaultyRun.FAULTS:
         getattr(robot.drive, fault)()
     robot.judge()
@@ -175,7 +175,7 @@ def test_two_time_resets_before_all_wheels_publish_odom(
     for name, back_ms in (
             (left, 50_000), (left, 49_980), (left, 90_000), (left, 89_980), (right, 90_000),
             (right, 89_980)):
-        robot.say([name], [raw[NAMES.index(name)]], [], now - back_ms * 1_000_000)
+        robot.publish([name], [raw[NAMES.index(name)]], [], now - back_ms * 1_000_000)
     wait_until(lambda: robot.odometry, timeout=5.0)
     [(_, message)] = robot.odometry
     assert stamp_ns(message) == now - 89_980_000_000
@@ -191,13 +191,13 @@ def alone(station: Station, start: Callable[..., Process]) -> tuple[Robot, Proce
 
 def test_missing_positions_and_silent_encoders_warn_once(
         alone: tuple[Robot, Process]) -> None:
-    """The first positions are the baseline; silence stops the wheels; the motion is not lost."""
+    """The first positions are the baseline; a timeout stops the wheels; the motion is not lost."""
     robot, process = alone
-    wheels = robot.station.hear(JointState, 'wheel_commands')
+    wheels = robot.station.subscribe(JointState, 'wheel_commands')
 
     def say_no_positions() -> None:
         for _ in range(10):
-            robot.say(NAMES, [], [7.0, 8.0], 1)
+            robot.publish(NAMES, [], [7.0, 8.0], 1)
 
     # As often as it takes: discovery loses the first ones.
     wait_until(lambda: say_no_positions() or robot.counters().get('missing_values', 0) >= 20)
@@ -208,12 +208,12 @@ def test_missing_positions_and_silent_encoders_warn_once(
 
     def drive_on() -> None:
         robot.drive.ordinary_sample()
-        robot.station.say('cmd_vel', twist(0.2, 0.1))
+        robot.station.publish('cmd_vel', twist(0.2, 0.1))
 
     wait_until(lambda: (wheels and wheels[-1][1].velocity[0]) or drive_on(), pause=0.02)
-    silent_at = time.monotonic()
+    stopped_at = time.monotonic()
     wait_until(lambda: list(wheels[-1][1].velocity) == [0.0, 0.0])
-    assert 0.3 < time.monotonic() - silent_at < 0.7
+    assert 0.3 < time.monotonic() - stopped_at < 0.7
     wait_until(lambda: robot.feedback.level == DiagnosticStatus.ERROR)
     robot.drive.pause_in_motion()
     robot.judge()

@@ -1,4 +1,4 @@
-"""The node odometry, in this process: what it publishes for what it hears."""
+"""Test the odometry node in this process: outputs for given inputs."""
 from collections.abc import Callable, Iterator
 import itertools
 import math
@@ -42,9 +42,9 @@ def rclpy_api(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 
 def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]:
     """Publish wheel angles, one message after the other; return what odom answers."""
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
     left, right = samples[0]
-    station.say_until(lambda: received, 'joint_states', (
+    station.publish_until(lambda: received, 'joint_states', (
         joints(START_NS - 10**9 + k, left_wheel_joint=left, right_wheel_joint=right)
         for k in itertools.count()))
 
@@ -52,7 +52,7 @@ def feed(station: Station, samples: list[tuple[float, float]]) -> list[Odometry]
         return [message for _, message in received if stamp_ns(message) >= START_NS]
 
     for k, (left, right) in enumerate(samples):
-        station.say('joint_states', joints(
+        station.publish('joint_states', joints(
             START_NS + k * STEP_NS, left_wheel_joint=left, right_wheel_joint=right))
         wait_until(lambda k=k: len(answers()) > k)
     return answers()
@@ -128,7 +128,7 @@ def test_velocities_are_integrated_without_position_feedback(
         station: Station, make: Make) -> None:
     """A driver of velocities alone suffices with position_feedback false."""
     make(position_feedback=False)
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
 
     def messages() -> Iterator[JointState]:
         for k in itertools.count():
@@ -137,7 +137,7 @@ def test_velocities_are_integrated_without_position_feedback(
             message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
             yield message
 
-    station.say_until(lambda: len(received) > 5, 'joint_states', messages())
+    station.publish_until(lambda: len(received) > 5, 'joint_states', messages())
     first, last = received[0][1], received[-1][1]
     seconds = (stamp_ns(last) - stamp_ns(first)) * 1e-9
     expected = integrate(
@@ -148,13 +148,13 @@ def test_velocities_are_integrated_without_position_feedback(
 def test_wheels_of_a_side_are_averaged(station: Station, make: Make) -> None:
     """Four wheels in two messages: one odom, when the last wheel is renewed."""
     make(left_wheel_names=['fl', 'rl'], right_wheel_names=['fr', 'rr'])
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', (
         joints(k, fl=0.0, fr=0.0, rl=0.0, rr=0.0) for k in itertools.count(1)))
     received.clear()
     for k in range(3):
-        station.say('joint_states', joints(10**9 * k + 10**6, rr=1.0 * k, arm=5.0, fl=2.0 * k))
-        station.say('joint_states', joints(10**9 * k + 2 * 10**6, fr=3.0 * k, rl=4.0 * k))
+        station.publish('joint_states', joints(10**9 * k + 10**6, rr=1.0 * k, arm=5.0, fl=2.0 * k))
+        station.publish('joint_states', joints(10**9 * k + 2 * 10**6, fr=3.0 * k, rl=4.0 * k))
         wait_until(lambda k=k: len(received) > k)
     assert [stamp_ns(answer) - 2 * 10**6 for _, answer in received] == [0, 10**9, 2 * 10**9]
     expected = integrate(DRIVE, [0.0, 6.0], [0.0, 4.0])[-1]
@@ -166,10 +166,11 @@ def test_wheels_of_a_side_are_averaged(station: Station, make: Make) -> None:
 def test_open_loop_integrates_commands_as_applied(station: Station, make: Make) -> None:
     """Saturation of a wheel is part of the odometry."""
     make(open_loop=True, max_wheel_speed=2.5, command_rate=100.0)
-    odometry, commands = station.hear(Odometry, 'odom'), station.hear(JointState, 'wheel_commands')
+    odometry = station.subscribe(Odometry, 'odom')
+    commands = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: odometry)
     assert planar_pose(odometry[-1][1]) == [0.0, 0.0, 0.0]
-    station.say_until(
+    station.publish_until(
         lambda: planar_pose(odometry[-1][1])[2] > 0.1,
         'cmd_vel', itertools.repeat(twist(0.9, 0.7)))
     left, right = commands[-1][1].velocity
@@ -187,9 +188,9 @@ def test_command_turns_each_wheel_at_its_speed(
         station: Station, make: Make, linear: float, angular: float) -> None:
     """The default type is a JointState with the velocity of every wheel by its name."""
     make(left_wheel_names=['fl', 'rl'], right_wheel_names=['fr', 'rr'])
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say('cmd_vel', twist(linear, angular))
+    station.publish('cmd_vel', twist(linear, angular))
     wait_until(lambda: received)
     left = (linear - 0.5 * SEPARATION * angular) / LEFT_RADIUS
     right = (linear + 0.5 * SEPARATION * angular) / RIGHT_RADIUS
@@ -202,9 +203,9 @@ def test_command_turns_each_wheel_at_its_speed(
 def test_multi_array_has_the_left_wheels_first(station: Station, make: Make) -> None:
     """The type of motor drivers that subscribe to an array."""
     make(wheel_command_type='multi_array')
-    received = station.hear(Float64MultiArray, 'wheel_commands')
+    received = station.subscribe(Float64MultiArray, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say('cmd_vel', twist(0.1, 0.9))
+    station.publish('cmd_vel', twist(0.1, 0.9))
     wait_until(lambda: received)
     assert list(received[0][1].data) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
 
@@ -212,11 +213,11 @@ def test_multi_array_has_the_left_wheels_first(station: Station, make: Make) -> 
 def test_per_wheel_has_one_topic_per_joint(station: Station, make: Make) -> None:
     """The type of one motor driver per wheel."""
     make(wheel_command_type='per_wheel')
-    left = station.hear(Float64, 'left_wheel_joint/command')
-    right = station.hear(Float64, 'right_wheel_joint/command')
+    left = station.subscribe(Float64, 'left_wheel_joint/command')
+    right = station.subscribe(Float64, 'right_wheel_joint/command')
     wait_until(lambda: station.node.count_publishers('left_wheel_joint/command'))
     wait_until(lambda: station.node.count_publishers('right_wheel_joint/command'))
-    station.say('cmd_vel', twist(0.1, 0.9))
+    station.publish('cmd_vel', twist(0.1, 0.9))
     wait_until(lambda: left and right)
     got = left[0][1].data, right[0][1].data
     assert got == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
@@ -225,9 +226,9 @@ def test_per_wheel_has_one_topic_per_joint(station: Station, make: Make) -> None
 def test_twist_stamped_is_driven_where_enabled(station: Station, make: Make) -> None:
     """Nav2 and others publish TwistStamped."""
     make(enable_stamped_cmd_vel=True)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say('cmd_vel', TwistStamped(twist=twist(0.1, 0.9)))
+    station.publish('cmd_vel', TwistStamped(twist=twist(0.1, 0.9)))
     wait_until(lambda: received)
     assert list(received[0][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.1, 0.9))
 
@@ -236,7 +237,7 @@ def test_no_wheel_command_is_sent_before_the_first_command(
         station: Station, make: Make) -> None:
     """With odometry alone, no wheel is held."""
     make(command_rate=200.0)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     feed(station, [(0.01 * k, 0.02 * k) for k in range(30)])
     assert received == []
@@ -253,11 +254,11 @@ def set_parameters(station: Station, **values: object) -> list[str]:
 def test_live_parameter_takes_effect_at_once(station: Station, make: Make) -> None:
     """A calibrated radius changes commands and odometry."""
     make()
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     reasons = set_parameters(station, left_wheel_radius_multiplier=1.25, cmd_vel_timeout=3)
     assert reasons == ['', '']
-    station.say('cmd_vel', twist(0.2, 0.3))
+    station.publish('cmd_vel', twist(0.2, 0.3))
     wait_until(lambda: received)
     longer = DiffDrive(SEPARATION, 1.25 * LEFT_RADIUS, RIGHT_RADIUS)
     assert list(received[0][1].velocity) == pytest.approx(longer.wheel_speeds(0.2, 0.3))

@@ -38,10 +38,10 @@ LATE = 0.1  # what a loaded machine may add to any of the times below
 
 def drive(station: Station) -> list[tuple[float, JointState]]:
     """Command a curve until the wheels turn; return what was and will be received of them."""
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     while not received:
-        station.say('cmd_vel', twist(0.2, 0.7))
+        station.publish('cmd_vel', twist(0.2, 0.7))
         time.sleep(0.01)
     return received
 
@@ -58,7 +58,7 @@ def test_command_is_sent_to_the_wheels_within_two_periods(
     received = drive(station)
     wait_until(lambda: len(received) > 10)
     for speed in (0.1, -0.3, 0.25):
-        station.say('cmd_vel', twist(speed, 0.7))
+        station.publish('cmd_vel', twist(speed, 0.7))
         sent_at = time.monotonic()
         expected = pytest.approx(EXAMPLE.wheel_speeds(speed, 0.7))
         wait_until(lambda expected=expected: list(received[-1][1].velocity) == expected)
@@ -74,11 +74,11 @@ def test_nan_command_stops_the_wheels(
     process = start('odometry_node')
     received = drive(station)
     for _ in range(5):
-        station.say('cmd_vel', twist(linear, angular))
+        station.publish('cmd_vel', twist(linear, angular))
     sent_at = time.monotonic()
     wait_until(lambda: is_zero(received[-1][1]))
     assert received[-1][0] - sent_at < 2.0 * PERIOD + LATE
-    station.say('cmd_vel', twist(0.2, 0.7))
+    station.publish('cmd_vel', twist(0.2, 0.7))
     wait_until(lambda: not is_zero(received[-1][1]))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
@@ -104,8 +104,8 @@ def test_pause_of_the_process_counts_as_deceleration(station: Station, start: St
     """It does not continue with the speed from before."""
     process = start('odometry_node', cmd_vel_timeout=0.3, **{
         'linear.x.max_acceleration': 5.0, 'linear.x.max_deceleration': -0.5})
-    received = station.hear(JointState, 'wheel_commands')
-    station.say_until(
+    received = station.subscribe(JointState, 'wheel_commands')
+    station.publish_until(
         lambda: received and received[-1][1].velocity[0] > 20.0, 'cmd_vel',
         itertools.repeat(twist(1.0, 0.0)))
     process.signal(signal.SIGSTOP)
@@ -192,10 +192,10 @@ def test_signal_stops_the_wheels_and_the_zero_arrives(
     if form == 'joint_state':
         received = drive(station)
     else:
-        received = station.hear(Float64, 'right_wheel_joint/command')
-        station.hear(Float64, 'left_wheel_joint/command')
+        received = station.subscribe(Float64, 'right_wheel_joint/command')
+        station.subscribe(Float64, 'left_wheel_joint/command')
         wait_until(lambda: station.node.count_publishers('right_wheel_joint/command'))
-        station.say('cmd_vel', twist(0.2, 0.7))
+        station.publish('cmd_vel', twist(0.2, 0.7))
         wait_until(lambda: received)
     sent_at = time.monotonic()
     process.signal(number)
@@ -211,7 +211,7 @@ def test_signal_while_idle_sends_no_wheel_command(
         station: Station, start: Start) -> None:
     """Wheels that were never commanded are left alone."""
     process = start('odometry_node')
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     sent_at = time.monotonic()
     process.signal(signal.SIGTERM)
@@ -224,8 +224,8 @@ def test_bare_start_runs_the_example_robot_and_warns(
         station: Station, start: Start) -> None:
     """It can be driven at once."""
     process = start('odometry_node')
-    odometry = station.hear(Odometry, 'odom')
-    station.say_until(lambda: odometry, 'joint_states', (
+    odometry = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: odometry, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
@@ -281,7 +281,7 @@ REFUSALS = [
 def test_wrong_parameters_exit_with_one_line(
         station: Station, start: Start, tmp_path: Path) -> None:
     """Parameter, value, rule and node in the line; exit code 1; no wheel is commanded."""
-    received = station.hear(JointState, '/robot/wheel_commands')
+    received = station.subscribe(JointState, '/robot/wheel_commands')
     refused = []
     for number, (text, line) in enumerate(REFUSALS):
         file = tmp_path / f'{number}.yaml'
@@ -346,8 +346,8 @@ def test_node_drives_and_stops_with_any_rclpy(station: Station, program: list[st
     """With EventsExecutor and rclpy's internals, and by the public API alone."""
     process = subprocess.Popen([sys.executable, *program])
     try:
-        received, odom = drive(station), station.hear(Odometry, 'odom')
-        station.say_until(lambda: odom, 'joint_states', (
+        received, odom = drive(station), station.subscribe(Odometry, 'odom')
+        station.publish_until(lambda: odom, 'joint_states', (
             joints(k, left_wheel_joint=0.1 * k, right_wheel_joint=0.2)
             for k in itertools.count(1)))
         process.send_signal(signal.SIGTERM)
@@ -361,11 +361,11 @@ def test_node_drives_and_stops_with_any_rclpy(station: Station, program: list[st
 def test_missing_joint_states_are_a_warning(station: Station, start: Start) -> None:
     """With the topic as remapped, and who publishes it."""
     process = start('odometry_node', '-r', '__ns:=/robot', '-r', 'joint_states:=wheels')
-    looks = station.hear(DiagnosticArray, '/diagnostics')
-    wait_until(lambda: looks)
+    statuses = station.subscribe(DiagnosticArray, '/diagnostics')
+    wait_until(lambda: statuses)
     station.node.create_publisher(JointState, '/robot/wheels', 1)
     start_at = time.monotonic()
-    wait_until(lambda: 'no message' in looks[-1][1].status[0].message
+    wait_until(lambda: 'no message' in statuses[-1][1].status[0].message
                and time.monotonic() - start_at > 2.0)
     process.signal(signal.SIGINT)
     assert process.wait() == 0
@@ -390,11 +390,11 @@ def test_command_is_sent_within_two_slow_periods(
         station: Station, start: Start) -> None:
     """At 5 Hz, where nothing but the rule takes that long."""
     start('odometry_node', command_rate=5)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say_until(lambda: received, 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
+    station.publish_until(lambda: received, 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
     sent_at = time.monotonic()
-    station.say('cmd_vel', twist(-0.1, 0.7))
+    station.publish('cmd_vel', twist(-0.1, 0.7))
     expected = pytest.approx(EXAMPLE.wheel_speeds(-0.1, 0.7))
     wait_until(lambda: list(received[-1][1].velocity) == expected)
     first = next(at for at, message in received if list(message.velocity) == expected)
@@ -410,12 +410,12 @@ def test_message_flood_does_not_delay_the_timeout(
     received = drive(station)
     with flood(station, topic):
         for _ in range(50):
-            station.say('cmd_vel', twist(0.2, 0.7))
+            station.publish('cmd_vel', twist(0.2, 0.7))
             time.sleep(0.02)
         due_at = time.time() + 0.5 + PERIOD + LATE
 
         def sent() -> list[tuple[float, JointState]]:
-            """By their stamps: the flood keeps those who listen waiting too."""
+            """Return the commands by their stamps: the flood delays their receipt too."""
             return [(stamp_ns(message) * 1e-9, message) for _, message in list(received)]
 
         wait_until(lambda: sent()[-1][0] > due_at + 1.0)
@@ -436,7 +436,7 @@ def test_stop_command_does_not_wait_behind_a_flood(
         if by_service:
             enable.call_async(SetBool.Request(data=False))
         else:
-            station.say('cmd_vel', twist(0.0, 0.0))
+            station.publish('cmd_vel', twist(0.0, 0.0))
 
     with flood(station, 'odometry/set_pose'):
         time.sleep(2.0)  # what it takes to have seconds of it wait
@@ -448,7 +448,7 @@ def test_stop_command_does_not_wait_behind_a_flood(
     # Its turn comes all the same, and finds nothing.
     if by_service:
         station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
-    station.say_until(
+    station.publish_until(
         lambda: not is_zero(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
     process.signal(signal.SIGINT)
     assert process.wait() == 0
@@ -457,7 +457,7 @@ def test_stop_command_does_not_wait_behind_a_flood(
 
 @contextmanager
 def flood(station: Station, topic: str) -> Iterator[None]:
-    """Have a process say as much as it can to the node."""
+    """Start a process that publishes to the node at the highest rate."""
     process = subprocess.Popen([sys.executable, '-c', FLOOD, topic], stdout=subprocess.DEVNULL)
     try:
         wait_until(lambda: (
@@ -506,7 +506,7 @@ def test_commands_from_a_pause_of_the_process_are_not_driven(
     received = drive(station)
     process.signal(signal.SIGSTOP)
     for _ in range(20):
-        station.say('cmd_vel', twist(0.2, 0.7))
+        station.publish('cmd_vel', twist(0.2, 0.7))
         time.sleep(0.02)
     time.sleep(0.6)
     freed_at = time.monotonic()
@@ -515,7 +515,7 @@ def test_commands_from_a_pause_of_the_process_are_not_driven(
     after = [message for at, message in received if at > freed_at]
     assert len(after) > 10
     assert sum(not is_zero(message) for message in after) <= 1  # sent before it was noticed
-    station.say_until(
+    station.publish_until(
         lambda: not is_zero(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.2, 0.7)))
 
 
@@ -638,9 +638,9 @@ def test_file_of_diff_drive_controller_drives_as_there(
     file.write_text(theirs)
     process = start('odometry_node', '-r', '__node:=diff_drive_controller',
                     '--params-file', str(file))
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
-    station.say_until(
+    station.publish_until(
         lambda: received and received[-1][1].velocity[0] * 0.015 == pytest.approx(fastest),
         'cmd_vel', itertools.repeat(twist(asked, 0.0)))
     ramp = [message for _, message in received

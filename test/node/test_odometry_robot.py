@@ -49,8 +49,8 @@ def angles(start_ns: int = 10**9, period_ns: int = 10_000_000) -> itertools.coun
 
 def driving(station: Station) -> list:
     """Return what is received of the wheels once they turn."""
-    received = station.hear(JointState, 'wheel_commands')
-    station.say_until(
+    received = station.subscribe(JointState, 'wheel_commands')
+    station.publish_until(
         lambda: received and received[-1][1].velocity[0], 'cmd_vel',
         itertools.repeat(twist(0.4, 0.1)))
     return received
@@ -64,14 +64,14 @@ def stands(message: JointState) -> bool:
 def test_reset_odometry_answers_when_the_pose_is_zero(station: Station, make: Make) -> None:
     """The next odom starts at zero."""
     make()
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
     messages = angles()
-    station.say_until(lambda: len(received) > 5, 'joint_states', messages)
+    station.publish_until(lambda: len(received) > 5, 'joint_states', messages)
     assert received[-1][1].pose.pose.position.x > 0.001
     answer = station.call(Trigger, 'odometry/reset_odometry', Trigger.Request())
     assert answer.success
     count = len(received)
-    station.say('joint_states', next(messages))
+    station.publish('joint_states', next(messages))
     wait_until(lambda: len(received) > count)
     moved = 0.5 * (0.03 * LEFT_RADIUS + 0.05 * RIGHT_RADIUS)
     assert 0.0 < received[count][1].pose.pose.position.x < 3.0 * moved
@@ -94,10 +94,10 @@ def pose_message(
 def test_set_pose_sets_pose_and_covariance(station: Station, make: Make) -> None:
     """As robot_localization's, but private, so that both run in one namespace."""
     node = make()
-    station.say('odometry/set_pose', pose_message('odom', 3.0, -4.0, 2.0))
+    station.publish('odometry/set_pose', pose_message('odom', 3.0, -4.0, 2.0))
     wait_until(lambda: node._odom.odometry.pose[0] == 3.0)
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     pose = received[0][1].pose
     assert (pose.pose.position.x, pose.pose.position.y) == (3.0, -4.0)
@@ -118,7 +118,7 @@ def test_invalid_set_pose_is_rejected(
         message: PoseWithCovarianceStamped, rule: str) -> None:
     """Nothing changes, and the reason is logged."""
     node = make()
-    station.say('odometry/set_pose', message)
+    station.publish('odometry/set_pose', message)
     wait_until(lambda: rule in logged())
     assert node._odom.odometry.pose.tolist() == [0.0, 0.0, 0.0]
 
@@ -133,13 +133,13 @@ def test_disabled_wheels_stay_zero_until_a_new_command(
     wait_until(lambda: stands(received[-1][1]))
     count = len(received)
     for _ in range(10):
-        station.say('cmd_vel', twist(0.4, 0.1))
+        station.publish('cmd_vel', twist(0.4, 0.1))
         time.sleep(0.02)
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=True))
     after = len(received)
     wait_until(lambda: len(received) > after + 5)
     assert all(stands(message) for _, message in received[count:])
-    station.say_until(
+    station.publish_until(
         lambda: not stands(received[-1][1]), 'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
 
 
@@ -147,7 +147,7 @@ def test_short_inhibit_is_in_diagnostics(
         station: Station, make: Make) -> None:
     """The status of once a second would miss it."""
     make()
-    received = station.hear(DiagnosticArray, '/diagnostics')
+    received = station.subscribe(DiagnosticArray, '/diagnostics')
     wait_until(lambda: received)
     for data in (False, True):
         station.call(SetBool, 'odometry/enable', SetBool.Request(data=data))
@@ -166,7 +166,7 @@ def test_new_reason_of_a_stop_is_logged_after_another(
     """The last reason counts."""
     make()
     driving(station)
-    station.say('cmd_vel', twist(math.nan, 0.0))
+    station.publish('cmd_vel', twist(math.nan, 0.0))
     wait_until(lambda: 'must be finite; wheels stopped' in logged())
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
     wait_until(lambda: 'disabled by ~/enable; wheels stopped' in logged())
@@ -175,7 +175,7 @@ def test_new_reason_of_a_stop_is_logged_after_another(
 def test_enable_answers_with_the_remaining_inhibits(station: Station, make: Make) -> None:
     """The next command is driven only without any."""
     make(feedback_timeout=0.1, cmd_vel_timeout=0)
-    station.say_until(
+    station.publish_until(
         lambda: station.call(SetBool, 'odometry/enable', SetBool.Request(data=True)).message
         == 'the wheels are inhibited: no usable joint_states', 'cmd_vel',
         itertools.repeat(twist(0.4, 0.1)))
@@ -186,7 +186,7 @@ def test_first_command_is_inhibited_by_feedback_timeout(
     """It is counted with the others."""
     node = make(feedback_timeout=0.1, cmd_vel_timeout=0)
     wait_until(lambda: time.monotonic() - node._odom.sampled_at > 0.2)
-    station.say('cmd_vel', twist(0.4, 0.1))
+    station.publish('cmd_vel', twist(0.4, 0.1))
     wait_until(lambda: node._commander.counts['commands'])
     assert node._commander.counts['inhibited'] == node._commander.counts['commands']
 
@@ -197,7 +197,7 @@ def test_clock_beyond_2038_is_rejected(
     node = make()
     node.get_clock = lambda: SimpleNamespace(
         now=lambda: SimpleNamespace(nanoseconds=2**31 * 10**9 + 7))
-    station.say_until(lambda: 'must be before 2038' in logged(), 'joint_states', (
+    station.publish_until(lambda: 'must be before 2038' in logged(), 'joint_states', (
         joints(0, left_wheel_joint=0.1 * k, right_wheel_joint=0.2 * k) for k in itertools.count()))
     assert node._odom.feedback.counts['unreadable']
 
@@ -219,7 +219,7 @@ def test_missing_wheel_is_logged_without_any_command(
         station: Station, make: Make, logged: Logged) -> None:
     """No odom, and a new robot's user reads the log first."""
     make()
-    station.say_until(lambda: 'waiting for right_wheel_joint' in logged(), 'joint_states', (
+    station.publish_until(lambda: 'waiting for right_wheel_joint' in logged(), 'joint_states', (
         joints(k, left_wheel_joint=1.0) for k in itertools.count(1)))
 
 
@@ -253,7 +253,7 @@ def test_disable_before_any_command_sends_zeros(
         station: Station, make: Make) -> None:
     """Another node may have set the wheels turning."""
     make()
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     station.call(SetBool, 'odometry/enable', SetBool.Request(data=False))
     wait_until(lambda: len(received) > 3)
@@ -263,8 +263,8 @@ def test_disable_before_any_command_sends_zeros(
 def test_applied_twist_is_published_where_enabled(station: Station, make: Make) -> None:
     """Limited by the acceleration, step by step."""
     make(publish_limited_velocity=True, linear__x__max_acceleration=1.0)
-    received = station.hear(TwistStamped, 'odometry/cmd_vel_out')
-    station.say_until(
+    received = station.subscribe(TwistStamped, 'odometry/cmd_vel_out')
+    station.publish_until(
         lambda: received and received[-1][1].twist.linear.x == 0.4, 'cmd_vel',
         itertools.repeat(twist(0.4, 0.1)))
     ramp = [message for _, message in received if message.twist.linear.x < 0.4]
@@ -277,8 +277,8 @@ def test_stop_uses_the_deceleration_but_no_jerk_limit(
     """After the timeout the wheels slow down evenly to exactly zero."""
     make(linear__x__max_acceleration=100.0, linear__x__max_deceleration=-2.0,
          linear__x__max_jerk=1e6, linear__x__min_jerk=-0.1, cmd_vel_timeout=0.2)
-    received = station.hear(JointState, 'wheel_commands')
-    station.say_until(
+    received = station.subscribe(JointState, 'wheel_commands')
+    station.publish_until(
         lambda: received and received[-1][1].velocity[0] > 8.0, 'cmd_vel',
         itertools.repeat(twist(0.4, 0.0)))
     wait_until(lambda: stands(received[-1][1]))
@@ -293,11 +293,11 @@ def test_stop_uses_the_deceleration_but_no_jerk_limit(
 def test_odom_is_thinned_to_publish_rate_by_timestamp(station: Station, make: Make) -> None:
     """Of a hundred messages a second, each fourth."""
     make(publish_rate=25.0)
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', angles())
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', angles())
     received.clear()
     for message in itertools.islice(angles(start_ns=10**10), 41):
-        station.say('joint_states', message)
+        station.publish('joint_states', message)
     wait_until(lambda: received and stamp_ns(received[-1][1]) >= 10**10 + 400_000_000)
     steps = np.diff([stamp_ns(message) for _, message in received])
     assert len(received) >= 10
@@ -307,12 +307,12 @@ def test_odom_is_thinned_to_publish_rate_by_timestamp(station: Station, make: Ma
 def test_split_wheels_get_the_newest_timestamp(station: Station, make: Make) -> None:
     """The older message may arrive last."""
     make()
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', angles())
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', angles())
     received.clear()
     for k in range(1, 4):
-        station.say('joint_states', joints(10**10 * k + 9_000_000, left_wheel_joint=0.1))
-        station.say('joint_states', joints(10**10 * k, right_wheel_joint=0.1))
+        station.publish('joint_states', joints(10**10 * k + 9_000_000, left_wheel_joint=0.1))
+        station.publish('joint_states', joints(10**10 * k, right_wheel_joint=0.1))
         wait_until(lambda k=k: len(received) == k)
     assert [stamp_ns(message) for _, message in received] == [
         10**10 * k + 9_000_000 for k in range(1, 4)]
@@ -321,15 +321,15 @@ def test_split_wheels_get_the_newest_timestamp(station: Station, make: Make) -> 
 def test_time_reset_continues_with_the_same_pose(station: Station, make: Make) -> None:
     """A bag loops: odom has the new timestamps, and the pose does not jump."""
     make()
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', angles(start_ns=10**12))
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', angles(start_ns=10**12))
     for message in itertools.islice(angles(start_ns=10**12 + 10**10), 20):
-        station.say('joint_states', message)
+        station.publish('joint_states', message)
     wait_until(lambda: stamp_ns(received[-1][1]) == 10**12 + 10**10 + 190_000_000)
     before = received[-1][1].pose.pose.position
     received.clear()
     for message in itertools.islice(angles(start_ns=10**9), 5):
-        station.say('joint_states', message)
+        station.publish('joint_states', message)
     wait_until(lambda: len(received) == 4)
     assert stamp_ns(received[0][1]) == 10**9 + 10_000_000
     after = received[0][1].pose.pose.position
@@ -341,7 +341,7 @@ def test_time_reset_continues_with_the_same_pose(station: Station, make: Make) -
 def test_best_effort_driver_is_received(station: Station, make: Make) -> None:
     """As micro-ROS boards and sensor data are."""
     make()
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
     publisher = station.node.create_publisher(
         JointState, 'joint_states',
         QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))
@@ -351,7 +351,7 @@ def test_best_effort_driver_is_received(station: Station, make: Make) -> None:
 
 def diagnostics(station: Station) -> Callable[[], dict[str, DiagnosticStatus]]:
     """Return a function that returns the last status by its short name."""
-    received = station.hear(DiagnosticArray, '/diagnostics')
+    received = station.subscribe(DiagnosticArray, '/diagnostics')
 
     def last() -> dict[str, DiagnosticStatus]:
         if not received:
@@ -370,15 +370,15 @@ def test_diagnostics_have_rates_and_counters(
     assert last()['feedback'].level == DiagnosticStatus.WARN
     assert last()['commands'].level == last()['geometry'].level == DiagnosticStatus.OK
     assert last()['feedback'].hardware_id == '/odometry'
-    received = station.hear(Odometry, 'odom')
+    received = station.subscribe(Odometry, 'odom')
     messages = angles()
-    station.say_until(lambda: len(received) > 5, 'joint_states', messages)
+    station.publish_until(lambda: len(received) > 5, 'joint_states', messages)
     glitch = next(messages)
     glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
-    station.say('joint_states', glitch)
-    station.say('joint_states', next(messages))
-    station.say('joint_states', joints(1, arm=3.0))
-    station.say('cmd_vel', twist(math.nan, 0.0))
+    station.publish('joint_states', glitch)
+    station.publish('joint_states', next(messages))
+    station.publish('joint_states', joints(1, arm=3.0))
+    station.publish('cmd_vel', twist(math.nan, 0.0))
 
     def figures(name: str) -> dict[str, str]:
         return {item.key: item.value for item in last()[name].values}
@@ -398,16 +398,16 @@ def test_unreadable_payload_is_counted_and_loses_nothing(
         station: Station, make: Make, logged: Logged) -> None:
     """Bytes that claim to be a JointState, between two that are."""
     make()
-    last, odom = diagnostics(station), station.hear(Odometry, 'odom')
+    last, odom = diagnostics(station), station.subscribe(Odometry, 'odom')
     wait_until(last)
     messages = angles()
-    station.say_until(lambda: odom, 'joint_states', messages)
+    station.publish_until(lambda: odom, 'joint_states', messages)
     whole = serialize_message(next(messages))
-    station.say('joint_states', whole[:60])
+    station.publish('joint_states', whole[:60])
     wait_until(lambda: 'unreadable' in logged())
     assert re.search(r'joint_states: unreadable: a \w+ ends at byte \d+ of 60: must end', logged())
     count = len(odom)
-    station.say('joint_states', next(messages))
+    station.publish('joint_states', next(messages))
     wait_until(lambda: len(odom) > count)
     wait_until(lambda: {item.key: item.value for item in last()['feedback'].values}.get(
         'unreadable') == '1')
@@ -421,9 +421,9 @@ def test_stuck_timestamp_is_logged_as_the_reason(
         station: Station, make: Make, logged: Logged, stamps: Iterator[int], why: str) -> None:
     """All are received, and none is usable."""
     make()
-    odom = station.hear(Odometry, 'odom')
-    station.say_until(lambda: odom, 'joint_states', angles(start_ns=5 * 10**9 - 20_000_000))
-    station.say_until(lambda: 'no usable sample' in logged(), 'joint_states', (
+    odom = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: odom, 'joint_states', angles(start_ns=5 * 10**9 - 20_000_000))
+    station.publish_until(lambda: 'no usable sample' in logged(), 'joint_states', (
         joints(stamp, left_wheel_joint=1.0, right_wheel_joint=2.0) for stamp in stamps))
     assert re.search(rf'no usable sample for 2 s \({why}\)', logged())
 
@@ -432,12 +432,12 @@ def test_second_kind_of_faulty_feedback_is_logged_too(
         station: Station, make: Make, logged: Logged) -> None:
     """A failing encoder glitches, and then has no value."""
     make(max_plausible_wheel_speed=60.0)
-    odom = station.hear(Odometry, 'odom')
+    odom = station.subscribe(Odometry, 'odom')
     messages = angles()
-    station.say_until(lambda: odom, 'joint_states', messages)
+    station.publish_until(lambda: odom, 'joint_states', messages)
     glitch = next(messages)
     glitch.position = [glitch.position[0] + 100.0, glitch.position[1]]
-    station.say('joint_states', glitch)
+    station.publish('joint_states', glitch)
     wait_until(lambda: 'faster than max_plausible_wheel_speed' in logged())
 
     def broken() -> Iterator[JointState]:
@@ -445,7 +445,7 @@ def test_second_kind_of_faulty_feedback_is_logged_too(
             message.position = [math.nan, message.position[1]]
             yield message
 
-    station.say_until(lambda: 'left_wheel_joint = nan' in logged(), 'joint_states', broken())
+    station.publish_until(lambda: 'left_wheel_joint = nan' in logged(), 'joint_states', broken())
 
 
 def test_parameter_of_wrong_type_is_rejected_live(
@@ -482,7 +482,7 @@ def test_wrong_joint_names_are_logged_with_the_missing(
         station: Station, make: Make, logged: Callable[[], str]) -> None:
     """The driver's names are not the parameters'."""
     make()
-    wait_until(lambda: station.say('joint_states', joints(1, wheel_l=1.0, wheel_r=2.0))
+    wait_until(lambda: station.publish('joint_states', joints(1, wheel_l=1.0, wheel_r=2.0))
                or 'received wheel_l, wheel_r; waiting for left_wheel_joint, right_wheel_joint'
                in logged(), pause=0.2)
 
@@ -492,9 +492,9 @@ def test_velocities_alone_warn_of_position_feedback_once(
     """Once, not with every message."""
     make()
     for k in range(20):
-        station.say('joint_states', JointState(
+        station.publish('joint_states', JointState(
             name=['left_wheel_joint', 'right_wheel_joint'], velocity=[1.0, float(k)]))
-        station.say('joint_states', joints(1, arm=1.0))
+        station.publish('joint_states', joints(1, arm=1.0))
     wait_until(lambda: 'position_feedback' in logged())
     time.sleep(0.1)
     assert logged().count('position_feedback') == 1
@@ -504,10 +504,10 @@ def test_sideways_command_warns_once_and_is_ignored(
         station: Station, make: Make, logged: Callable[[], str]) -> None:
     """No wheel can drive it."""
     make()
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     message = twist(0.2, 0.0)
     message.linear.y = 0.5
-    station.say_until(lambda: len(received) > 3, 'cmd_vel', itertools.repeat(message))
+    station.publish_until(lambda: len(received) > 3, 'cmd_vel', itertools.repeat(message))
     assert list(received[-1][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.2, 0.0))
     assert logged().count('more than linear.x and angular.z') == 1
 
@@ -515,13 +515,13 @@ def test_sideways_command_warns_once_and_is_ignored(
 def test_feedback_timeout_stops_the_wheels(station: Station, make: Make) -> None:
     """The next command after feedback is back is driven."""
     make(feedback_timeout=0.3, cmd_vel_timeout=0)
-    messages, odometry = angles(), station.hear(Odometry, 'odom')
-    station.say_until(lambda: odometry, 'joint_states', messages)
+    messages, odometry = angles(), station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: odometry, 'joint_states', messages)
     received = driving(station)
     wait_until(lambda: stands(received[-1][1]))
     for _ in range(5):
-        station.say('joint_states', next(messages))
-        station.say('cmd_vel', twist(0.4, 0.1))
+        station.publish('joint_states', next(messages))
+        station.publish('cmd_vel', twist(0.4, 0.1))
         time.sleep(0.05)
     assert not stands(received[-1][1])
 
@@ -529,13 +529,13 @@ def test_feedback_timeout_stops_the_wheels(station: Station, make: Make) -> None
 def test_clock_stall_stops_the_wheels(station: Station, make: Make) -> None:
     """Commands age in simulation time; a second of real time without it is a timeout."""
     make(use_sim_time=True, cmd_vel_timeout=100.0)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
 
     def tick(k: int) -> None:
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = 5, k * 1_000_000
-        station.say('/clock', clock)
-        station.say('cmd_vel', twist(0.4, 0.1))
+        station.publish('/clock', clock)
+        station.publish('cmd_vel', twist(0.4, 0.1))
 
     ticks = itertools.count()
     wait_until(
@@ -548,18 +548,18 @@ def test_clock_stall_stops_the_wheels(station: Station, make: Make) -> None:
 def test_commands_age_in_simulation_time(station: Station, make: Make) -> None:
     """A simulation at a tenth of real time gives them ten times as long."""
     make(use_sim_time=True, cmd_vel_timeout=0.1)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     ticks = itertools.count()
 
     def tick() -> int:
         k = next(ticks)
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = 5 + k // 1000, k % 1000 * 1_000_000
-        station.say('/clock', clock)
+        station.publish('/clock', clock)
         return k
 
     wait_until(lambda: (received and not stands(received[-1][1])) or (
-        tick() >= 0 and station.say('cmd_vel', twist(0.4, 0.1))), pause=0.01)
+        tick() >= 0 and station.publish('cmd_vel', twist(0.4, 0.1))), pause=0.01)
     first = tick()
     wait_until(lambda: stands(received[-1][1]) or tick() < 0, pause=0.01)
     assert 90 <= next(ticks) - first < 115
@@ -571,9 +571,9 @@ def test_open_loop_has_no_feedback_timeout(
     node = make(open_loop=True, use_sim_time=True, feedback_timeout=0.1, cmd_vel_timeout=0)
     clock = Clock()
     clock.clock.sec = 5
-    station.say_until(
+    station.publish_until(
         lambda: node.get_clock().now().nanoseconds, '/clock', itertools.repeat(clock))
-    station.say_until(
+    station.publish_until(
         lambda: (time.monotonic() - node._odom.sampled_at > 0.3
                  and node._commander.counts['commands'] > 9),
         'cmd_vel', itertools.repeat(twist(0.4, 0.1)))
@@ -604,8 +604,9 @@ def test_transform_equals_odom(station: Station, make: Make) -> None:
     """Same timestamp, frames and pose, where tf2_msgs is."""
     tf2_msgs = pytest.importorskip('tf2_msgs.msg', reason='no tf2_msgs: see .ci/tf2_msgs')
     make(tf_frame_prefix='robot1')
-    odometry, transforms = station.hear(Odometry, 'odom'), station.hear(tf2_msgs.TFMessage, '/tf')
-    station.say_until(
+    odometry = station.subscribe(Odometry, 'odom')
+    transforms = station.subscribe(tf2_msgs.TFMessage, '/tf')
+    station.publish_until(
         lambda: len(odometry) > 5 and len(transforms) > 5, 'joint_states', angles())
     by_stamp = {stamp_ns(message): message for _, message in odometry}
     [transform] = transforms[-1][1].transforms
@@ -638,8 +639,8 @@ def test_covariance_diagonal_replaces_the_covariance(
     """The parameters of diff_drive_controller; zeros are not set."""
     diagonal = [0.001, 0.002, 1e6, 1e5, 1e4, 0.03]
     make(pose_covariance_diagonal=diagonal)
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: len(received) > 3, 'joint_states', angles())
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: len(received) > 3, 'joint_states', angles())
     pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (
         received[-1][1].pose, received[-1][1].twist))
     np.testing.assert_array_equal(pose, np.diag(diagonal))
@@ -675,8 +676,8 @@ def test_only_documented_names_are_used(station: Station, make: Make) -> None:
 def test_namespaces_separate_robots_in_one_domain(station: Station) -> None:
     """The wheels of one do not move the odometry of the other."""
     nodes = [station.add(OdometryNode(context=station.context, namespace=name)) for name in 'ab']
-    received = {name: station.hear(Odometry, f'/{name}/odom') for name in 'ab'}
-    station.say_until(lambda: len(received['a']) > 5, '/a/joint_states', angles())
+    received = {name: station.subscribe(Odometry, f'/{name}/odom') for name in 'ab'}
+    station.publish_until(lambda: len(received['a']) > 5, '/a/joint_states', angles())
     assert received['b'] == []
     assert nodes[0]._odom.odometry.pose[0] > 0.0
     assert nodes[1]._odom.odometry.pose[0] == 0.0

@@ -62,8 +62,8 @@ def test_cmd_vel_of_the_other_type_warns_of_the_parameter(
 def test_zero_variance_of_the_diagonal_is_not_published(station: Station, make: Make) -> None:
     """As in files that leave z, roll and pitch at zero: filters cannot invert it."""
     make(pose_covariance_diagonal=[0.001, 0.001, 0.0, 0.0, 0.0, 0.01])
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     covariance = received[0][1].pose.covariance
     assert all(0.0 < covariance[7 * axis] <= 1e6 for axis in range(6))
@@ -75,14 +75,14 @@ def test_out_of_order_joint_states_are_dropped_without_loss(
         station: Station, make: Make) -> None:
     """Duplicates and late ones, with other angles than the last: the next carries the motion."""
     make()
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: received, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: received, 'joint_states', (
         joints(k, left_wheel_joint=0.0, right_wheel_joint=0.0) for k in itertools.count(1)))
     received.clear()
     for k, (ms, left, right) in enumerate([
             (100, 1.0, 2.0), (100, 1.1, 2.2), (90, 0.9, 1.8), (120, 2.0, 5.0), (120, 2.0, 5.0),
             (119, 9.0, 9.0), (140, 2.5, 5.5)]):
-        station.say('joint_states', joints(
+        station.publish('joint_states', joints(
             ms * MS, left_wheel_joint=left, right_wheel_joint=right))
         if k in (0, 3, 6):
             expected_ns = (100 + k // 3 * 20) * MS
@@ -124,11 +124,11 @@ def test_age_of_a_command_counts_from_receipt(
         station: Station, make: Make, seconds: int) -> None:
     """Whatever its timestamp: none, of long ago, or of a clock that is far ahead."""
     make(enable_stamped_cmd_vel=True, cmd_vel_timeout=0.3)
-    received = station.hear(JointState, 'wheel_commands')
+    received = station.subscribe(JointState, 'wheel_commands')
     wait_until(lambda: station.node.count_publishers('wheel_commands'))
     message = TwistStamped(twist=twist(0.2, 0.3))
     message.header.stamp.sec = seconds
-    station.say('cmd_vel', message)
+    station.publish('cmd_vel', message)
     wait_until(lambda: received)
     assert list(received[0][1].velocity) == pytest.approx(DRIVE.wheel_speeds(0.2, 0.3))
     wait_until(lambda: list(received[-1][1].velocity) == [0.0, 0.0])
@@ -139,8 +139,8 @@ def test_joint_states_without_stamp_get_time_of_receipt(
         station: Station, make: Make, logged: Logged) -> None:
     """One warning is logged."""
     make()
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: len(received) > 2, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: len(received) > 2, 'joint_states', (
         joints(0, left_wheel_joint=0.1 * k, right_wheel_joint=0.1 * k) for k in itertools.count()))
     stamps = [stamp_ns(message) for _, message in received]
     now_ns = station.node.get_clock().now().nanoseconds
@@ -162,8 +162,8 @@ def test_frames_are_literal_without_tf_frame_prefix(
 ) -> None:
     """In a namespace, and never with a leading slash."""
     make('/fleet/r2', **parameters)
-    received = station.hear(Odometry, '/fleet/r2/odom')
-    station.say_until(lambda: received, '/fleet/r2/joint_states', (
+    received = station.subscribe(Odometry, '/fleet/r2/odom')
+    station.publish_until(lambda: received, '/fleet/r2/joint_states', (
         joints(k, left_wheel_joint=0.0, right_wheel_joint=0.0) for k in itertools.count(1)))
     _, message = received[0]
     assert (message.header.frame_id, message.child_frame_id) == frames
@@ -185,8 +185,8 @@ def test_transform_is_sent_only_with_enable_odom_tf(
 
     monkeypatch.setattr(odom_publisher, 'TransformSender', Sender)
     make(enable_odom_tf=enabled)
-    received = station.hear(Odometry, 'odom')
-    station.say_until(lambda: len(received) > 2, 'joint_states', (
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(lambda: len(received) > 2, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     assert bool(sent) == enabled
 
@@ -206,12 +206,12 @@ def test_second_publisher_of_joint_states_warns_once(
         station: Station, make: Make, logged: Logged) -> None:
     """If both have the same wheels, the pose jumps to and fro."""
     make()
-    looks = station.hear(DiagnosticArray, '/diagnostics')
+    statuses = station.subscribe(DiagnosticArray, '/diagnostics')
     for _ in range(2):
         station.node.create_publisher(JointState, 'joint_states', 1)
     wait_until(lambda: '/joint_states: 2 publishers, station, station' in logged())
-    count = len(looks)
-    wait_until(lambda: len(looks) > count + 1)
+    count = len(statuses)
+    wait_until(lambda: len(statuses) > count + 1)
     assert logged().count('/joint_states: 2 publishers') == 1
 
 
@@ -234,8 +234,8 @@ def test_command_of_an_inverted_wheel_is_negated(
     """It is the joint's own speed, as in joint_states."""
     left, right = directions
     make(left_wheel_direction=left, right_wheel_direction=right)
-    received = station.hear(JointState, 'wheel_commands')
-    station.say_until(lambda: received, 'cmd_vel', itertools.repeat(twist(0.2, 0.3)))
+    received = station.subscribe(JointState, 'wheel_commands')
+    station.publish_until(lambda: received, 'cmd_vel', itertools.repeat(twist(0.2, 0.3)))
     forward = DRIVE.wheel_speeds(0.2, 0.3)
     assert list(received[0][1].velocity) == pytest.approx([left * forward[0], right * forward[1]])
 
@@ -243,8 +243,8 @@ def test_command_of_an_inverted_wheel_is_negated(
 def test_inverted_wheel_drives_straight_in_open_loop(station: Station, make: Make) -> None:
     """Straight ahead stays straight ahead."""
     make(left_wheel_direction=-1, open_loop=True)
-    received = station.hear(Odometry, 'odom')
-    station.say_until(
+    received = station.subscribe(Odometry, 'odom')
+    station.publish_until(
         lambda: received and received[-1][1].twist.twist != Twist(),
         'cmd_vel', itertools.repeat(twist(0.2, 0.0)))
     assert received[-1][1].twist.twist.angular.z == pytest.approx(0.0, abs=1e-9)
@@ -261,24 +261,25 @@ def test_invalid_geometry_does_not_start(make: Make, name: str, value: float) ->
         make(**{name: value})
 
 
-# Row 28: an encoder goes silent
+# Row 28: an encoder stops publishing
 
 def test_silent_encoder_is_an_error_and_warns_once(
         station: Station, make: Make, logged: Logged) -> None:
     """Of one wheel alone, too: the received names and the missing one are logged."""
     make()
-    received, looks = station.hear(Odometry, 'odom'), station.hear(DiagnosticArray, '/diagnostics')
+    received = station.subscribe(Odometry, 'odom')
+    statuses = station.subscribe(DiagnosticArray, '/diagnostics')
 
     def level() -> object:
-        return looks and looks[-1][1].status[0].level
+        return statuses and statuses[-1][1].status[0].level
 
-    station.say_until(lambda: received and level() == DiagnosticStatus.OK, 'joint_states', (
+    station.publish_until(lambda: received and level() == DiagnosticStatus.OK, 'joint_states', (
         joints(k, left_wheel_joint=1.0, right_wheel_joint=2.0) for k in itertools.count(1)))
     before = logged().count('WARN')  # until the station is discovered
-    station.say_until(lambda: level() == DiagnosticStatus.ERROR, 'joint_states', (
+    station.publish_until(lambda: level() == DiagnosticStatus.ERROR, 'joint_states', (
         joints(10**9 + k, left_wheel_joint=1.0) for k in itertools.count()))
-    count = len(looks)
-    wait_until(lambda: len(looks) > count + 1)
+    count = len(statuses)
+    wait_until(lambda: len(statuses) > count + 1)
     warnings = [line for line in logged().splitlines() if 'WARN' in line][before:]
     assert len(warnings) == 1
     assert 'waiting for right_wheel_joint' in warnings[0]
@@ -290,9 +291,9 @@ def test_split_velocities_warn_of_position_feedback_once(
         station: Station, make: Make, logged: Logged) -> None:
     """Once, not each second."""
     make()
-    looks = station.hear(DiagnosticArray, '/diagnostics')
+    statuses = station.subscribe(DiagnosticArray, '/diagnostics')
     names = itertools.cycle(['left_wheel_joint', 'right_wheel_joint'])
-    station.say_until(lambda: len(looks) > 3, 'joint_states', (
+    station.publish_until(lambda: len(statuses) > 3, 'joint_states', (
         JointState(name=[name], velocity=[1.0]) for name in names))
     assert logged().count('position_feedback') == 1
 

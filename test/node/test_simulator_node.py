@@ -62,25 +62,25 @@ def test_simulated_wheels_follow_each_command_type(
         station: Station, make: Make, form: str, messages: dict) -> None:
     """They stop on timeout."""
     make(wheel_command_type=form, command_timeout=0.2)
-    received = station.hear(JointState, 'joint_states')
+    received = station.subscribe(JointState, 'joint_states')
     wait_until(lambda: is_turning(received, 0.0, 0.0))
 
-    def tell() -> None:
+    def publish_all() -> None:
         for topic, message in messages.items():
-            station.say(topic, message)
+            station.publish(topic, message)
 
-    wait_until(lambda: is_turning(received, -3.0, 5.0) or tell(), pause=0.05)
+    wait_until(lambda: is_turning(received, -3.0, 5.0) or publish_all(), pause=0.05)
     wait_until(lambda: is_turning(received, 0.0, 0.0))
 
 
 def test_nan_command_stops_the_simulated_wheel(station: Station, make: Make) -> None:
     """As in a motor driver."""
     make()
-    received = station.hear(JointState, 'joint_states')
+    received = station.subscribe(JointState, 'joint_states')
     names = ['fl', 'rl', 'fr', 'rr']
     for speed, turning in ((4.0, 4.0), (math.nan, 0.0)):
         command = JointState(name=names, velocity=[speed] * 4)
-        station.say_until(
+        station.publish_until(
             lambda turning=turning: is_turning(received, turning, turning),
             'wheel_commands', itertools.repeat(command))
 
@@ -89,10 +89,10 @@ def test_ground_truth_equals_odometry_of_ideal_wheels(
         station: Station, make: Make) -> None:
     """Without slip, noise and encoder steps, at the timestamps of joint_states."""
     make(ticks_per_revolution=0)
-    joints = station.hear(JointState, 'joint_states')
-    truth = station.hear(Odometry, 'ground_truth')
+    joints = station.subscribe(JointState, 'joint_states')
+    truth = station.subscribe(Odometry, 'ground_truth')
     command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[3.0, 3.0, 5.0, 5.0])
-    station.say_until(
+    station.publish_until(
         lambda: truth and truth[-1][1].pose.pose.position.x > 0.1,
         'wheel_commands', itertools.repeat(command))
     angles = {stamp_ns(message): message.position for _, message in joints}
@@ -116,10 +116,10 @@ def test_swap_wheels_swaps_motors_and_encoders(
         station: Station, make: Make) -> None:
     """The true pose turns the other way, and joint_states does not show it."""
     make(swap_wheels=True)
-    received = station.hear(JointState, 'joint_states')
-    truth = station.hear(Odometry, 'ground_truth')
+    received = station.subscribe(JointState, 'joint_states')
+    truth = station.subscribe(Odometry, 'ground_truth')
     command = JointState(name=['fl', 'rl', 'fr', 'rr'], velocity=[1.0, 1.0, 6.0, 6.0])
-    station.say_until(
+    station.publish_until(
         lambda: is_turning(received, 1.0, 6.0), 'wheel_commands', itertools.repeat(command))
     wait_until(lambda: truth[-1][1].twist.twist.angular.z < -0.1)
 

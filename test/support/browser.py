@@ -266,9 +266,9 @@ class Robot:
 
     def __init__(self, station: Station) -> None:
         self.station = station
-        self.odom = station.hear(Odometry, 'odom')
-        self.wheels = station.hear(JointState, 'wheel_commands')
-        self.commands = station.hear(Twist, 'cmd_vel')
+        self.odom = station.subscribe(Odometry, 'odom')
+        self.wheels = station.subscribe(JointState, 'wheel_commands')
+        self.commands = station.subscribe(Twist, 'cmd_vel')
         wait_until(lambda: self.odom, 40.0)  # processes may have just been started
 
     @property

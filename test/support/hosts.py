@@ -1,10 +1,10 @@
 """
-Two hosts on one machine, for tests: network namespaces, and the cable between them.
+Two hosts on one machine, for tests: network namespaces with an emulated link.
 
-Each host is joined by veth to a third namespace. A process there carries the frames from one to
-the other, loses some and is late with them: by itself, since not every kernel has tc's netem. It
-makes all three namespaces, and deletes them and ends what runs in them when its standard input
-ends: with the test, whatever ended that.
+Each host is connected by veth to a third namespace. A process there forwards the frames between
+them with loss and latency, because not every kernel has netem of tc. It creates all three
+namespaces. It deletes them and ends their processes at the end of its standard input: at any end
+of the test.
 """
 from collections import defaultdict, deque
 from collections.abc import Iterator
@@ -44,21 +44,21 @@ SO_RCVBUFFORCE = 33
 
 
 class HostsError(Exception):
-    """There can be no two hosts on this machine, for a reason in words."""
+    """The hosts cannot be created on this machine; the message has the reason."""
 
 
 class Hosts:
     """
-    The hosts robot and station, for as long as this is not closed.
+    The hosts robot and station, until closed.
 
-    Raises HostsError where they cannot be made.
+    Raises HostsError if they cannot be created.
     """
 
     def __init__(self) -> None:
-        self._cable = subprocess.Popen(
-            [sys.executable, __file__, 'carry', str(os.getpid())], stdin=subprocess.PIPE,
+        self._link = subprocess.Popen(
+            [sys.executable, __file__, 'emulate_link', str(os.getpid())], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, text=True, start_new_session=True)  # not ended by Ctrl-C
-        answer = self._cable.stdout.readline().strip()
+        answer = self._link.stdout.readline().strip()
         if not answer.startswith('/'):
             self.close()
             raise HostsError(answer or 'it ended')
@@ -66,16 +66,16 @@ class Hosts:
         self._programs = []
 
     def close(self) -> None:
-        """End all that runs on the hosts, and delete them."""
-        self._cable.communicate(timeout=10.0)
+        """End all processes on the hosts, and delete the hosts."""
+        self._link.communicate(timeout=10.0)
 
-    def set_cable(self, *, loss: float = 0.0, delay: float = 0.0) -> float:
-        """Lose a share of the frames, and carry the rest after a delay [s]; return since when."""
+    def set_impairment(self, *, loss: float = 0.0, delay: float = 0.0) -> float:
+        """Drop a share of the frames, and delay the others [s]; return the time of the change."""
         return self._order(f'{loss} {delay}')
 
-    def plug(self, *, is_in: bool) -> float:
-        """Put in or pull out the plug of both hosts; return when that was done."""
-        return self._order('in' if is_in else 'out')
+    def set_up(self, *, is_up: bool) -> float:
+        """Set the interfaces of both hosts up or down; return the time of the change."""
+        return self._order('up' if is_up else 'down')
 
     def start(self, host: str, *arguments: str, **environment: str) -> 'Program':
         """Run Python on a host, in ROS's default domain and discovery range."""
@@ -87,37 +87,37 @@ class Hosts:
             {**os.environ, 'ROS_DOMAIN_ID': '0', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
              **environment})
 
-    def listen(self, host: str, *topics: str, **environment: str) -> 'Program':
-        """Start who hears topics on a host; on that of the station, it can drive as well."""
-        return self.start(host, __file__, 'listen', host, *topics, **environment)
+    def record(self, host: str, *topics: str, **environment: str) -> 'Program':
+        """Start a recorder of topics on a host; that of the station publishes commands as well."""
+        return self.start(host, __file__, 'record', host, *topics, **environment)
 
     def _order(self, line: str) -> float:
-        print(line, file=self._cable.stdin, flush=True)
-        return float(self._cable.stdout.readline())
+        print(line, file=self._link.stdin, flush=True)
+        return float(self._link.stdout.readline())
 
 
 class Program:
-    """A process on a host: what it prints, and what it heard if it is one of those below."""
+    """A process on a host: its output, and the received messages of a recorder."""
 
     def __init__(self, command: list[str], environment: dict[str, str]) -> None:
         self.lines: list[str] = []
-        self.heard: dict[str, list] = defaultdict(list)
+        self.received: dict[str, list] = defaultdict(list)
         """By topic, (time of receipt, message)."""
         self._process = subprocess.Popen(
             command, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT)
         threading.Thread(target=self._read, daemon=True).start()
 
-    def say(self, line: str) -> None:
-        """Send a line to it."""
+    def send(self, line: str) -> None:
+        """Write a line to its standard input."""
         print(line, file=self._process.stdin, flush=True)
 
     def _read(self) -> None:
         for line in self._process.stdout:
-            if line.startswith('heard '):
+            if line.startswith('received '):
                 _, topic, at, data = line.split()
                 message = deserialize_message(bytes.fromhex(data), KINDS[topic])
-                self.heard[topic].append((float(at), message))
+                self.received[topic].append((float(at), message))
             else:
                 self.lines.append(line.rstrip())
 
@@ -127,18 +127,18 @@ def name_of(host: str, owner: int) -> str:
     return f'diffdrive-{owner}-{host}'
 
 
-def carry(owner: int) -> None:
-    """Make the hosts and be the cable between them, as the lines of standard input say."""
+def emulate_link(owner: int) -> None:
+    """Create the hosts and emulate the link, controlled by the lines of standard input."""
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit())
     memory = Path(tempfile.mkdtemp(prefix='hosts-', dir='/dev/shm'))
     try:
         ends = _make(owner, memory)
         print(memory, flush=True)
-        _carry(owner, ends)
+        _forward(owner, ends)
     except (OSError, HostsError) as error:
         print(' '.join(str(error).split()), flush=True)
     finally:
-        for host in (*ADDRESSES, 'cable'):
+        for host in (*ADDRESSES, 'link'):
             with suppress(HostsError):
                 for each in _ip('netns', 'pids', name_of(host, owner)).split():
                     os.kill(int(each), signal.SIGKILL)
@@ -147,68 +147,67 @@ def carry(owner: int) -> None:
 
 
 def _make(owner: int, memory: Path) -> list[socket.socket]:
-    """Return the two ends of the cable."""
-    cable = name_of('cable', owner)
-    _ip('netns', 'add', cable)
+    """Return the two ends of the link."""
+    link = name_of('link', owner)
+    _ip('netns', 'add', link)
     for host, address in ADDRESSES.items():
         name = name_of(host, owner)
         (memory / host).mkdir()
         _ip('netns', 'add', name)
-        _ip('-n', name, 'link', 'add', 'eth0', 'type', 'veth', 'peer', host, 'netns', cable)
+        _ip('-n', name, 'link', 'add', 'eth0', 'type', 'veth', 'peer', host, 'netns', link)
         _ip('-n', name, 'address', 'add', f'{address}/24', 'dev', 'eth0')
         _ip('-n', name, 'link', 'set', 'lo', 'up')
         _ip('-n', name, 'link', 'set', 'eth0', 'up')
-        _ip('-n', cable, 'link', 'set', host, 'up')
+        _ip('-n', link, 'link', 'set', host, 'up')
         _run('ip', 'netns', 'exec', name, 'mount', '--bind', str(memory / host), '/dev/shm')
-    with _inside(cable):
+    with _inside(link):
         return [_end(host) for host in ADDRESSES]
 
 
 def _end(host: str) -> socket.socket:
     end = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETH_P_ALL))
-    # Frames come with what their sender left to its hardware, such as checksums, and go on so.
+    # Keep the offload headers of the sender, such as checksums left to the hardware.
     end.setsockopt(SOL_PACKET, PACKET_VNET_HDR, 1)
-    # Room for what comes while a busy machine lets the cable wait.
+    # Room for frames while a busy machine delays this process.
     end.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 24)
     end.bind((host, 0))
     return end
 
 
-def _carry(owner: int, ends: list[socket.socket]) -> None:
+def _forward(owner: int, ends: list[socket.socket]) -> None:
     chance, loss, delay = random.Random(1), 0.0, 0.0
-    under_way: deque[tuple[float, socket.socket, bytes]] = deque()
+    in_flight: deque[tuple[float, socket.socket, bytes]] = deque()
     ready = selectors.DefaultSelector()
     ready.register(0, selectors.EVENT_READ)
     for end, other in (ends, ends[::-1]):
         ready.register(end, selectors.EVENT_READ, other)
     while True:
-        wait = max(0.0, under_way[0][0] - time.monotonic()) if under_way else None
+        wait = max(0.0, in_flight[0][0] - time.monotonic()) if in_flight else None
         for key, _ in ready.select(wait):
             if key.fd == 0:
                 line = sys.stdin.readline().split()
                 if not line:
                     return
-                if line in (['in'], ['out']):
+                if line in (['up'], ['down']):
                     for host in ADDRESSES:
-                        _ip('-n', name_of('cable', owner), 'link', 'set', host,
-                            'up' if line == ['in'] else 'down')
+                        _ip('-n', name_of('link', owner), 'link', 'set', host, *line)
                 else:
                     loss, delay = map(float, line)
                 print(time.monotonic(), flush=True)
                 continue
-            with suppress(OSError):  # no plug is in
+            with suppress(OSError):  # the interface is down
                 frame, address = key.fileobj.recvfrom(1 << 17)
                 if address[2] != PACKET_OUTGOING and chance.random() >= loss:
-                    under_way.append((time.monotonic() + delay, key.data, frame))
-        while under_way and under_way[0][0] <= time.monotonic():
-            _, end, frame = under_way.popleft()
+                    in_flight.append((time.monotonic() + delay, key.data, frame))
+        while in_flight and in_flight[0][0] <= time.monotonic():
+            _, end, frame = in_flight.popleft()
             with suppress(OSError):
                 end.send(frame)
 
 
 @contextmanager
 def _inside(namespace: str) -> Iterator[None]:
-    """Be in a network namespace: sockets stay in the one they were made in."""
+    """Enter a network namespace; sockets stay in the namespace of their creation."""
     libc = ctypes.CDLL(None, use_errno=True)
     with open('/proc/self/ns/net') as home, open(f'/run/netns/{namespace}') as away:
         for each in (away, home):
@@ -232,10 +231,10 @@ def _run(*command: str) -> str:
     return done.stdout
 
 
-def listen(name: str, *topics: str) -> None:
-    """Write what is heard; publish cmd_vel at 20 Hz as the lines of standard input say."""
+def record(name: str, *topics: str) -> None:
+    """Print the received messages; publish the commands of standard input at 20 Hz."""
     rclpy.init()
-    node = rclpy.create_node(f'{name}_listener')
+    node = rclpy.create_node(f'{name}_recorder')
     for topic in topics:
         node.create_subscription(
             KINDS[topic], topic, partial(_write, topic), QoSProfile(depth=1000), raw=True)
@@ -244,24 +243,24 @@ def listen(name: str, *topics: str) -> None:
         publisher = node.create_publisher(Twist, 'cmd_vel', QoSProfile(depth=10))
         node.create_timer(0.05, lambda: [publisher.publish(twist) for twist in command])
 
-    def obey() -> None:
+    def read_commands() -> None:
         for line in sys.stdin:
             twist = Twist()
             if line.strip():
                 twist.linear.x, twist.angular.z = map(float, line.split())
             command[:] = [twist] if line.strip() else []
 
-    threading.Thread(target=obey, daemon=True).start()
+    threading.Thread(target=read_commands, daemon=True).start()
     with suppress(KeyboardInterrupt):
         rclpy.spin(node)
 
 
 def _write(topic: str, data: bytes) -> None:
-    print('heard', topic, time.monotonic(), data.hex(), flush=True)
+    print('received', topic, time.monotonic(), data.hex(), flush=True)
 
 
 if __name__ == '__main__':
-    if sys.argv[1] == 'carry':
-        carry(int(sys.argv[2]))
+    if sys.argv[1] == 'emulate_link':
+        emulate_link(int(sys.argv[2]))
     else:
-        listen(*sys.argv[2:])
+        record(*sys.argv[2:])

@@ -1,4 +1,4 @@
-"""A driver's station for tests: what is published and heard around the nodes under test."""
+"""The operator station of the tests: publishers and subscriptions around the nodes under test."""
 from collections.abc import Callable, Iterable, Iterator
 import os
 from pathlib import Path
@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 
 DEEP = QoSProfile(depth=10000)
 
-# Odd numbers that survive no mix-up of sides, of half and full, or of diameter and radius.
+# Numbers that detect swapped sides, half for full, and diameter for radius.
 SEPARATION, LEFT_RADIUS, RIGHT_RADIUS = 0.317, 0.0471, 0.0533
 GEOMETRY = {
     'wheel_separation': SEPARATION,
@@ -30,7 +30,7 @@ GEOMETRY = {
 
 
 class Station:
-    """A node with an executor of its own in a thread; what it hears is kept in lists."""
+    """A node with its own executor in a thread; received messages are recorded in lists."""
 
     def __init__(self, domain: int, name: str = 'station') -> None:
         self.context = Context()
@@ -47,40 +47,41 @@ class Station:
     def close(self) -> None:
         """Shut down, and wait until the thread has ended."""
         nodes = self._executor.get_nodes()
-        # Not by shutdown alone: that takes from the thread what it is about to wait for.
+        # Not by shutdown alone, which destroys objects that the thread is about to wait for.
         self._ended.set_result(None)
         self._thread.join()
         self._executor.shutdown()
-        for node in nodes:  # those under test too, or the next test in the domain meets them
+        for node in nodes:  # those under test too, or the next test in the domain discovers them
             node.destroy_node()
         self.context.try_shutdown()
 
     def add(self, node: Node) -> Node:
-        """Let a node under test run in this process."""
+        """Add a node under test to this process."""
         self._executor.add_node(node)
         return node
 
-    def hear(self, kind: type, topic: str) -> list:
-        """Return a list that fills with (time of receipt, message)."""
-        heard = []
+    def subscribe(self, kind: type, topic: str) -> list:
+        """Return a list of (time of receipt, message), extended by each message."""
+        received = []
         self.node.create_subscription(
-            kind, topic, lambda message: heard.append((time.monotonic(), message)), DEEP)
-        return heard
+            kind, topic, lambda message: received.append((time.monotonic(), message)), DEEP)
+        return received
 
-    def say(self, topic: str, message: object, listeners: int = 1) -> None:
-        """Publish a message, once somebody listens."""
+    def publish(self, topic: str, message: object, subscribers: int = 1) -> None:
+        """Publish a message as soon as a number of subscribers is matched."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, DEEP)
         publisher = self._publishers[topic]
-        wait_until(lambda: publisher.get_subscription_count() >= listeners)
+        wait_until(lambda: publisher.get_subscription_count() >= subscribers)
         publisher.publish(message)
 
-    def say_until(self, is_so: Callable[[], object], topic: str, messages: Iterator) -> None:
-        """Publish message after message until something is so: discovery loses the first ones."""
-        wait_until(lambda: is_so() or self.say(topic, next(messages)), pause=0.05)
+    def publish_until(
+            self, is_met: Callable[[], object], topic: str, messages: Iterator) -> None:
+        """Publish messages until a condition is met: discovery loses the first ones."""
+        wait_until(lambda: is_met() or self.publish(topic, next(messages)), pause=0.05)
 
     def call(self, kind: type, service: str, request: object) -> object:
-        """Return the answer of a service."""
+        """Return the response of a service."""
         client = self.node.create_client(kind, service)
         assert client.wait_for_service(timeout_sec=10.0)
         future = client.call_async(request)
@@ -89,7 +90,7 @@ class Station:
 
 
 class Process:
-    """A node as a process; what it prints is read when it has ended."""
+    """A node as a process; its output is read after its exit."""
 
     def __init__(self, module: str, *arguments: str, **parameters: object) -> None:
         given = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
@@ -101,7 +102,7 @@ class Process:
 
     @property
     def is_running(self) -> bool:
-        """Return whether the process has not ended."""
+        """Return whether the process has not exited."""
         return self._process.poll() is None
 
     def signal(self, number: signal.Signals) -> None:
@@ -109,7 +110,7 @@ class Process:
         self._process.send_signal(number)
 
     def wait(self, timeout: float = 10.0) -> int:
-        """Return the exit code; output is complete then."""
+        """Wait for the exit, and return the exit code; the output is complete then."""
         self.output = self._process.communicate(timeout=timeout)[0]
         return self._process.returncode
 
@@ -121,13 +122,13 @@ class Process:
 
 
 def children(number: int) -> dict[str, int]:
-    """Return the process numbers of what a process started, by the names of the modules."""
+    """Return the ids of the child processes of a process, by the names of their modules."""
     found = {}
     for each in filter(str.isdigit, os.listdir('/proc')):
         try:
             parent = Path(f'/proc/{each}/stat').read_text().rsplit(')', 1)[1].split()[1]
             words = Path(f'/proc/{each}/cmdline').read_bytes().split(b'\0')
-        except OSError:  # it ended meanwhile
+        except OSError:  # the process has exited
             continue
         if int(parent) == number and len(words) > 2:
             found[words[2].decode().removeprefix('diffdrive_ros.node.')] = int(each)
@@ -135,11 +136,11 @@ def children(number: int) -> dict[str, int]:
 
 
 def wait_until(
-        is_so: Callable[[], object], timeout: float = 15.0, pause: float = 0.002) -> None:
-    """Return as soon as something is so; fail if it does not become so."""
+        is_met: Callable[[], object], timeout: float = 15.0, pause: float = 0.002) -> None:
+    """Return as soon as a condition is met; fail after a timeout [s]."""
     deadline = time.monotonic() + timeout
-    while not is_so():
-        assert time.monotonic() < deadline, 'it did not become so in time'
+    while not is_met():
+        assert time.monotonic() < deadline, f'the condition is not met within {timeout} s'
         time.sleep(pause)
 
 
@@ -147,8 +148,8 @@ def is_ramp(messages: Iterable[object], speeds: Iterable[float], rate: float) ->
     """
     Return whether speeds change at a rate, by the stamps of the messages that have them.
 
-    A busy machine may stop the node between its two looks at the time, but seldom: most of the
-    speeds lie on one line, and all of them near it.
+    A busy machine may pause the node between its two readings of the clock, but rarely: most of
+    the speeds are on one line, and all of them near it.
     """
     seconds = np.array([message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
                         for message in messages])

@@ -33,19 +33,19 @@ def read(run: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return stamps, left, right, np.stack([x, y, theta], axis=-1)
 
 
-def last_pose(station: Station, robot: str, heard: list, run: Path) -> list[float]:
+def last_pose(station: Station, robot: str, received: list, run: Path) -> list[float]:
     """Publish a run to a node, and return its final pose."""
     stamps, left, right, _ = read(run)
     topic = f'/{robot}/joint_states'
     # The robot stands while the connection is made: the same angles, before the start.
-    station.say_until(lambda: heard, topic, (
+    station.publish_until(lambda: received, topic, (
         joints(START_NS - 10**9 + k, left_wheel_joint=left[0], right_wheel_joint=right[0])
         for k in itertools.count()))
     for stamp, angle_left, angle_right in zip(stamps.tolist(), left, right, strict=True):
-        station.say(topic, joints(
+        station.publish(topic, joints(
             stamp, left_wheel_joint=angle_left, right_wheel_joint=angle_right))
-    wait_until(lambda: stamp_ns(heard[-1][1]) == stamps[-1])
-    pose = heard[-1][1].pose.pose
+    wait_until(lambda: stamp_ns(received[-1][1]) == stamps[-1])
+    pose = received[-1][1].pose.pose
     heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
     return [pose.position.x, pose.position.y, heading]
 
@@ -68,10 +68,10 @@ def test_node_integrates_ticks_with_the_known_final_error(
               wheel_radius=0.042, **{
                   'qos_overrides./' + robot + '/joint_states.subscription.reliability': 'reliable',
                   'qos_overrides./' + robot + '/joint_states.subscription.depth': 10000})
-    heard = {robot: station.hear(Odometry, f'/{robot}/odom') for robot in robots}
+    received = {robot: station.subscribe(Odometry, f'/{robot}/odom') for robot in robots}
     errors = []
     for robot, run in zip(robots, runs, strict=True):
-        x, y, heading = last_pose(station, robot, heard[robot], run)
+        x, y, heading = last_pose(station, robot, received[robot], run)
         _, left, right, truth = read(run)
         expected = integrate(DRIVE, left, right)[-1]
         assert (x, y) == pytest.approx(expected[:2], abs=1e-6)

@@ -53,10 +53,10 @@ def test_replay_writes_the_messages_of_the_node(
         expected = [deserialize_message(data, Odometry) for _, _, data in reader.messages()]
 
     start('odometry_node', '-r', '__ns:=/robot', '--params-file', str(path))
-    heard = station.hear(Odometry, '/robot/odom')
+    received = station.subscribe(Odometry, '/robot/odom')
     wait_until(lambda: station.node.count_publishers('/robot/odom'))
     for stamp, (left, right) in zip(stamps, angles.tolist(), strict=True):
-        station.say('/robot/joint_states', joints(
+        station.publish('/robot/joint_states', joints(
             stamp, left_wheel_joint=left, right_wheel_joint=right))
-    wait_until(lambda: heard and heard[-1][1].header == expected[-1].header)
-    assert [message for _, message in heard] == expected
+    wait_until(lambda: received and received[-1][1].header == expected[-1].header)
+    assert [message for _, message in received] == expected
