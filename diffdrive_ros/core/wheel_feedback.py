@@ -13,7 +13,7 @@ loops, a restarted simulation).
 """
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, KW_ONLY
+from dataclasses import dataclass, field
 import math
 from typing import NamedTuple
 
@@ -77,7 +77,6 @@ class WheelFeedback:
 
     left_names: Sequence[str]
     right_names: Sequence[str]
-    _: KW_ONLY
     position_feedback: bool = True
     left_direction: int = 1
     right_direction: int = 1

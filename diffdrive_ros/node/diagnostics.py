@@ -42,7 +42,7 @@ class Diagnostics:
         self._sample_rate = self._command_rate = 0.0
         self._reported_inhibits: set[Inhibit] = set()
         self._last_counts: Counter[str] = Counter()
-        self._is_feedback_missing = False
+        self._logged_faults: set[bool] = set()  # of feedback; True is that of no message
         self._logged: set[str] = set()
         self._publisher = node.create_publisher(
             DiagnosticArray, '/diagnostics', QoSProfile(depth=10))
@@ -88,13 +88,14 @@ class Diagnostics:
         if age <= FEEDBACK_WARNING_S:
             if not has_samples:
                 return Status('feedback', WARN, 'no sample yet', values)
-            self._is_feedback_missing = False
+            self._logged_faults.clear()
             self._odom.unused_names.clear()
             self._last_counts = Counter(self._feedback.counts)
             return Status('feedback', OK, f'{self._sample_rate:.0f} Hz', values)
+        is_silent = not self._odom.unused_names and not self._feedback.counts - self._last_counts
         reason = self._reason_of_no_sample()
-        if not self._is_feedback_missing:
-            self._is_feedback_missing = True
+        if is_silent not in self._logged_faults:  # a driver may start later, with wrong names
+            self._logged_faults.add(is_silent)
             self._node.get_logger().warning(f'{self._odom.joint_states_topic}: {reason}')
         return Status('feedback', ERROR if has_samples else WARN, reason, values)
 
@@ -102,7 +103,7 @@ class Diagnostics:
         counts = self._feedback.counts - self._last_counts
         received, missing = self._odom.unused_names, self._feedback.missing_wheels
         publishers = _names(
-            self._node.get_publishers_info_by_topic(self._odom.joint_states_topic)) or 'nobody'
+            self._node.get_publishers_info_by_topic('joint_states')) or 'nobody'
         if not received and not counts:
             return (f'no message for {FEEDBACK_WARNING_S:g} s, so no {self._odom.odom_topic}; '
                     f'published by {publishers}')
@@ -139,13 +140,13 @@ class Diagnostics:
         """Warn once of publishers that do not match this node's subscriptions."""
         cmd_vel = self._node.resolve_topic_name('cmd_vel')
         kind = 'TwistStamped' if self._config.enable_stamped_cmd_vel else 'Twist'
-        for end in self._node.get_publishers_info_by_topic(cmd_vel):
+        for end in self._node.get_publishers_info_by_topic('cmd_vel'):
             if end.topic_type != f'geometry_msgs/msg/{kind}':
                 self._warn_once(
                     f'{cmd_vel}: {end.node_name} publishes {end.topic_type}, which is not '
                     'received; set enable_stamped_cmd_vel')
         joint_states = self._odom.joint_states_topic
-        publishers = self._node.get_publishers_info_by_topic(joint_states)
+        publishers = self._node.get_publishers_info_by_topic('joint_states')
         if len(publishers) > 1:
             self._warn_once(
                 f'{joint_states}: {len(publishers)} publishers, {_names(publishers)}; no two may '
@@ -159,11 +160,11 @@ class Diagnostics:
         if not kind:
             return
         topic = self._node.resolve_topic_name('wheel_commands')
-        publishers = self._node.get_publishers_info_by_topic(topic)
+        publishers = self._node.get_publishers_info_by_topic('wheel_commands')
         if len(publishers) > 1:
             self._warn_once(f'{topic}: {len(publishers)} publishers, {_names(publishers)}; the '
                             'wheels receive commands of both')
-        for end in self._node.get_subscriptions_info_by_topic(topic):
+        for end in self._node.get_subscriptions_info_by_topic('wheel_commands'):
             if end.topic_type != kind:
                 self._warn_once(
                     f'{topic}: {end.node_name} subscribes to {end.topic_type} and receives '

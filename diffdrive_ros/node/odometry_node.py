@@ -26,8 +26,8 @@ class OdometryNode(Node):
 
     def __init__(self, *, has_parameter_file: bool = False, **kwargs: Any) -> None:
         super().__init__('odometry', **kwargs)
-        overrides = parameter_overrides(self, 'odometry', **kwargs)
         try:
+            overrides = parameter_overrides(self, 'odometry', **kwargs)
             values = parameters.declare(self, ODOMETRY, overrides)
             is_example = parameters.is_example_robot(self, overrides, has_parameter_file)
             config = self._config = self._config_of(values)

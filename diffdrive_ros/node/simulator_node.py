@@ -28,8 +28,8 @@ class SimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('simulator', **kwargs)
-        overrides = parameter_overrides(self, 'simulator', **kwargs)
         try:
+            overrides = parameter_overrides(self, 'simulator', **kwargs)
             values = parameters.declare(self, SIMULATOR, overrides)
             parameters.is_example_robot(self, overrides, has_parameter_file=False)
             self._left_names, self._right_names = wheel_names(values)

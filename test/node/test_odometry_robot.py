@@ -223,6 +223,17 @@ def test_missing_wheel_is_logged_without_any_command(
         joints(k, left_wheel_joint=1.0) for k in itertools.count(1)))
 
 
+def test_names_of_a_late_driver_are_logged_after_silence(
+        station: Station, make: Make, logged: Logged) -> None:
+    """The driver starts when the node has warned of no message already."""
+    make()
+    wait_until(lambda: 'no message for 2 s' in logged())
+    station.say_until(
+        lambda: 'received other; waiting for left_wheel_joint' in logged(), 'joint_states',
+        (joints(k, other=1.0) for k in itertools.count(1)))
+    assert logged().count('no message for 2 s') == 1
+
+
 def test_open_loop_rejects_a_clock_beyond_2038(
         station: Station, make: Make, logged: Logged) -> None:
     """The wheels are commanded all the same."""
