@@ -228,7 +228,7 @@ def test_names_of_a_late_driver_are_logged_after_silence(
     """The driver starts when the node has warned of no message already."""
     make()
     wait_until(lambda: 'no message for 2 s' in logged())
-    station.say_until(
+    station.publish_until(
         lambda: 'received other; waiting for left_wheel_joint' in logged(), 'joint_states',
         (joints(k, other=1.0) for k in itertools.count(1)))
     assert logged().count('no message for 2 s') == 1
