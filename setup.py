@@ -39,7 +39,7 @@ setup(
         # What replay, calibrate and example need, and the node does not.
         'tools': ['matplotlib', 'pyyaml', 'rich', 'rosbags', 'scipy', 'threadpoolctl'],
         # colcon runs pytest because it finds it here. The linters keep to one minor version,
-        # so that a new release of theirs fails nobody's build.
+        # so that a new release of theirs breaks no build.
         'test': [
             'axe-playwright-python',
             'colcon-common-extensions',

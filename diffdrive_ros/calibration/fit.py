@@ -57,13 +57,13 @@ def calibrate(
     keep_all: bool = False,
 ) -> Calibration:
     """
-    Return the calibration by runs with a reference; outliers are left out unless keep_all.
+    Return the calibration from runs with a reference; outliers are left out unless keep_all.
 
     nominal is where the search starts, and the value of what is unobservable. Raises UserError if
     the runs determine nothing.
     """
     if not runs:
-        raise UserError('no runs to calibrate by')
+        raise UserError('no runs to calibrate from')
     terms = terms or Terms()
     outliers: dict[int, str] = {}
     while True:

@@ -14,17 +14,17 @@ from dataclasses import dataclass
 ALIKE_NS = 200_000_000
 """Above the jitter of Wi-Fi and the offset of a clock that is synchronised by network."""
 
-PATIENCE_NS, PAUSE_NS = 1_000_000_000, 1_000_000_000
+ACCEPTANCE_NS, MAX_GAP_NS = 1_000_000_000, 1_000_000_000
 """The time until a clock offset is accepted, and the longest gap of messages in it."""
 
-MOST_DOUBLINGS, HOUR_NS = 5, 3_600_000_000_000
+MAX_DOUBLINGS, HOUR_NS = 5, 3_600_000_000_000
 """That time doubles for each clock offset accepted within an hour, as a guard against a link that
 becomes slower and slower. A clock without messages for an hour is discarded."""
 
-DRIFT, MOST_DRIFT_NS = 5e-4, 100_000_000
+DRIFT, MAX_DRIFT_NS = 5e-4, 100_000_000
 """Maximum drift between two clocks: the slew rate of NTP, and its total."""
 
-MOST_CLOCKS = 8
+MAX_CLOCKS = 8
 
 
 @dataclass
@@ -40,7 +40,7 @@ class _Clock:
 
     def drift_ns(self, now_ns: int) -> int:
         """Return the possible drift since its last message."""
-        return min(round(DRIFT * (now_ns - self.received_ns)), MOST_DRIFT_NS)
+        return min(round(DRIFT * (now_ns - self.received_ns)), MAX_DRIFT_NS)
 
     def lateness(self, difference_ns: int, now_ns: int) -> int:
         """Return the latency of a message relative to the quickest one."""
@@ -74,11 +74,11 @@ class Lateness:
     def __init__(self, alike_ns: int = ALIKE_NS) -> None:
         self.alike_ns = alike_ns
         self._others: list[_Clock] = []
-        self._candidates: deque[_Candidate] = deque(maxlen=MOST_CLOCKS)
+        self._candidates: deque[_Candidate] = deque(maxlen=MAX_CLOCKS)
 
     def of(self, sent_ns: int, now_ns: int, wall_ns: int) -> tuple[int, int]:
         """
-        Return the latency of a message, and the clock offset that it makes accepted, or 0.
+        Return the latency of a message, and the clock offset accepted on it, or 0.
 
         now_ns is of a monotonic clock, wall_ns of the wall clock. The latency is negative if the
         stamp is in the future by all accepted clocks. Both are 0 for a message without a stamp.
@@ -99,11 +99,11 @@ class Lateness:
         return late_ns, 0
 
     def _is_another_clock(self, difference_ns: int, now_ns: int) -> bool:
-        """Return whether a message, with those before it, makes a clock offset accepted."""
+        """Return whether a message, with those before it, establishes a clock offset."""
         for candidate in self._candidates:
             # In a backlog the differences decrease: so each is compared with the first.
             if (abs(difference_ns - candidate.first_difference_ns) <= self.alike_ns
-                    and now_ns - candidate.received_ns <= PAUSE_NS):
+                    and now_ns - candidate.received_ns <= MAX_GAP_NS):
                 break
         else:
             self._candidates.append(_Candidate(difference_ns, difference_ns, now_ns, now_ns))
@@ -111,12 +111,12 @@ class Lateness:
         candidate.least_difference_ns = min(candidate.least_difference_ns, difference_ns)
         candidate.received_ns = now_ns
         lately = sum(now_ns - each.accepted_ns < HOUR_NS for each in self._others)
-        if now_ns - candidate.first_ns < PATIENCE_NS << min(lately, MOST_DOUBLINGS):
+        if now_ns - candidate.first_ns < ACCEPTANCE_NS << min(lately, MAX_DOUBLINGS):
             return False
         self._candidates.remove(candidate)
         self._others.append(_Clock(
             candidate.least_difference_ns, now_ns, self.alike_ns, accepted_ns=now_ns))
-        if len(self._others) > MOST_CLOCKS:
+        if len(self._others) > MAX_CLOCKS:
             self._others.remove(min(self._others, key=lambda each: each.received_ns))
         return True
 

@@ -184,7 +184,7 @@ class DashboardNode(Node):
                 raise ServiceError(f'{client.srv_name} is not available: does odometry run?')
             await asyncio.sleep(0.05)
         response: concurrent.futures.Future[Any] = concurrent.futures.Future()
-        response.set_running_or_notify_cancel()  # so that a late response may be set, in vain
+        response.set_running_or_notify_cancel()  # no error for a response after the timeout
         pending = client.call_async(request)
         pending.add_done_callback(lambda future: response.set_result(future.result()))
         try:

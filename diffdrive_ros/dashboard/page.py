@@ -175,7 +175,7 @@ class Page:
         self._follow.props(f'aria-pressed={"true" if data.get("isFollowing") else "false"}')
 
     def _on_stop(self, data: Mapping[str, Any]) -> None:
-        """Stop the robot, whoever drives it, and disable the node."""
+        """Stop the robot, whichever page drives it, and disable the node."""
         self._robot.publish(self._robot.teleop.stop())
         ui.timer(
             0.0, lambda: notify_result(self._robot.software_stop.enable(False)), once=True)

@@ -125,7 +125,7 @@ class Teleop:
         return None
 
     def take_control(self, page: str) -> Twist | None:
-        """Make a page the driver, whoever drives."""
+        """Make a page the driver, in place of any other."""
         self._clients.setdefault(page, _Client()).is_armed = False
         self.driver = page
         return self._halt()
@@ -139,7 +139,7 @@ class Teleop:
         return self._halt()
 
     def stop(self) -> Twist:
-        """Stop, whoever asks and whoever drives, until resume."""
+        """Stop on request of any page, whichever drives, until resume."""
         self.is_stopped = True
         self.stop_count += 1
         for client in self._clients.values():

@@ -103,7 +103,7 @@ class Diagnostics:
         counts = self._feedback.counts - self._last_counts
         received, missing = self._odom.unused_names, self._feedback.missing_wheels
         publishers = _names(
-            self._node.get_publishers_info_by_topic('joint_states')) or 'nobody'
+            self._node.get_publishers_info_by_topic('joint_states')) or 'no node'
         if not received and not counts:
             return (f'no message for {FEEDBACK_WARNING_S:g} s, so no {self._odom.odom_topic}; '
                     f'published by {publishers}')
@@ -163,7 +163,7 @@ class Diagnostics:
         publishers = self._node.get_publishers_info_by_topic('wheel_commands')
         if len(publishers) > 1:
             self._warn_once(f'{topic}: {len(publishers)} publishers, {_names(publishers)}; the '
-                            'wheels receive commands of both')
+                            'wheels receive commands from all of them')
         for end in self._node.get_subscriptions_info_by_topic('wheel_commands'):
             if end.topic_type != kind:
                 self._warn_once(

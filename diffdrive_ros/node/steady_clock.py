@@ -1,4 +1,4 @@
-"""The steady clock: it runs while the machine sleeps, and nobody can set it."""
+"""The steady clock: it runs in suspend, and cannot be set."""
 import time
 
 

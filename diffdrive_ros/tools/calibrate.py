@@ -1,7 +1,7 @@
 """
 Calibrate a robot: its geometry with standard deviations, as parameters of the node.
 
-With a reference (motion capture, a map) any runs serve. Without one, umbmark takes the end poses
+With a reference (motion capture, a map) any runs will do. Without one, umbmark takes the end poses
 of squares driven both ways, and line-and-turn a straight line and a turn on the spot.
 """
 import argparse
@@ -168,7 +168,7 @@ def _check_distinct(paths: Sequence[Path]) -> None:
     places = [os.path.realpath(path) for path in paths]
     for path, place in zip(paths, places, strict=True):
         if places.count(place) > 1:
-            raise UserError(f'{path}: is given twice')
+            raise UserError(f'{path}: given more than once')
 
 
 def _read_run(path: Path, robot: RobotParameters, topics: Topics) -> Run:

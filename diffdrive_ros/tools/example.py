@@ -1,7 +1,7 @@
 """
 Run an example of a calibration: a simulated robot whose wheels differ from its data sheet.
 
-Five runs are recorded as bags, calibrate estimates the geometry by four of them, and replay
+Five runs are recorded as bags, calibrate estimates the geometry from four of them, and replay
 compares the fifth before and after. Each command is printed as a user would type it.
 """
 import argparse
@@ -68,7 +68,7 @@ def record(path: Path, legs: Sequence[tuple[float, float, float]], seed: int) ->
 
 
 def run(folder: Path) -> None:
-    """Record the runs in a folder, calibrate by four of them and replay the fifth."""
+    """Record the runs in a folder, calibrate from four of them and replay the fifth."""
     folder.mkdir(exist_ok=True)
     (folder / 'nominal.yaml').write_text(PARAMETERS, encoding='utf-8')
     for seed, (name, legs) in enumerate(RUNS.items()):

@@ -48,7 +48,7 @@ def test_a_run_without_cross_validation_has_no_such_error(runs, calibration):
 
 def test_failed_fold_is_reported_with_its_run_and_cause(runs, calibration):
     failure = calibrate_without(0, runs[:1], NOMINAL, Terms(), calibration)
-    assert failure == 'square: no calibration without this run: no runs to calibrate by'
+    assert failure == 'square: no calibration without this run: no runs to calibrate from'
     errors = final_errors(0, runs[0], CONFIG, Terms(), calibration, failure)
     assert errors.cross_validated is None
     assert errors.failure == failure

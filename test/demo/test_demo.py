@@ -76,7 +76,7 @@ def test_good_run_exits_with_0_and_a_picture(demo: Demo, tmp_path: Path) -> None
 def test_death_of_a_process_exits_with_1(
         demo: Demo, domain: int, victim: str) -> None:
     """The line names the process."""
-    wait_until(lambda: len(demo.children()) == 2)
+    wait_until(lambda: len(demo.children()) == 2, timeout=60.0)
     station = Station(domain)
     try:
         wait_until_driving(station)
@@ -89,7 +89,7 @@ def test_death_of_a_process_exits_with_1(
 
 def test_hung_process_exits_with_1(demo: Demo, domain: int) -> None:
     """It runs, and publishes nothing."""
-    wait_until(lambda: len(demo.children()) == 2)
+    wait_until(lambda: len(demo.children()) == 2, timeout=60.0)
     station = Station(domain)
     try:
         wait_until_driving(station)
@@ -102,7 +102,7 @@ def test_hung_process_exits_with_1(demo: Demo, domain: int) -> None:
 
 def test_wheels_swapped_while_driving_exit_with_1(demo: Demo, domain: int) -> None:
     """The odometry follows its encoders; the true pose does not."""
-    wait_until(lambda: len(demo.children()) == 2)
+    wait_until(lambda: len(demo.children()) == 2, timeout=60.0)
     station = Station(domain)
     try:
         wait_until_driving(station)
@@ -130,7 +130,7 @@ def test_commands_to_type_are_those_that_this_machine_has(
 
 def test_interrupted_demo_exits_with_1(demo: Demo) -> None:
     """Half a run is none; the robot's processes end with it."""
-    wait_until(lambda: len(demo.children()) == 2)
+    wait_until(lambda: len(demo.children()) == 2, timeout=60.0)
     demo.signal(signal.SIGINT)
     assert demo.wait() == 1
     assert demo.output.strip().endswith('demo: interrupted')

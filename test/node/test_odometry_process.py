@@ -370,7 +370,7 @@ def test_missing_joint_states_are_a_warning(station: Station, start: Start) -> N
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert re.search(r'WARN.*/robot/wheels: no message for 2 s, so no /robot/odom; published by '
-                     r'(nobody|station)', process.output)
+                     r'(no node|station)', process.output)
     assert process.output.count('no message') == 1
     assert '/robot/odom: odom to base_link, from /robot/wheels' in process.output
     assert re.search(r'/robot/wheel_commands: .*from /robot/cmd_vel \(Twist\)', process.output)

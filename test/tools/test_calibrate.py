@@ -77,7 +77,7 @@ def test_noise_at_its_lower_bound_is_reported_as_less(late_clocks):
      'late: the reference, from 850.000 to 851.000 s, does not overlap'),
     ([*SQUARE, '--output', 'other.yaml'], 'exists; --overwrite'),
     ([*SQUARE, '--output', 'nominal.yaml', '--overwrite'], 'nominal.yaml: is an input'),
-    (['runs', './square.csv', *SQUARE[1:]], 'square.csv: is given twice'),
+    (['runs', './square.csv', *SQUARE[1:]], 'square.csv: given more than once'),
     ([*SQUARE, '--node', 'r/x', '--params-file', 'other.yaml'],
      'other.yaml: has no section of the node /r/x, but /odometry'),
     (['umbmark', 'square.csv', '--side', '4', *SQUARE[2:]],

@@ -10,7 +10,7 @@ export const limits = {};
 export const pad = { center() {}, sendHeartbeat() {} };
 
 // Of the newest frame that was drawn: its time on the server's clock [ms], and how often STOP had
-// been pressed. Every click sends it, so that the server knows its latency.
+// been pressed. Every click sends it, so that the server computes its latency.
 window.drawnFrame = { frameTime: 0, stopCount: 0 };
 export const received = { at: performance.now() }; // when the newest frame arrived
 
