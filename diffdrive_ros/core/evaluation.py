@@ -94,7 +94,7 @@ def evaluate(
             _relative(poses, reference, way, distance)
             for distance in distances if distance <= way[-1]),
         nees_final=None if nees is None else float(nees[-1]) / 3.0,
-        # The first error is zero with the alignment start.
+        # With alignment 'start' the first error is zero.
         nees_mean=None if nees is None else float(nees[1:].mean()) / 3.0)
 
 

@@ -66,7 +66,7 @@ class _Candidate:
 
 class Lateness:
     """
-    The clocks of the senders on a topic: this computer's, and others with an offset.
+    The clocks of the publishers on a topic: this computer's, and others with an offset.
 
     Differences of one clock mostly vary by less than alike_ns; clocks closer than that are one.
     """

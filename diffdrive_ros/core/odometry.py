@@ -86,7 +86,7 @@ StepRule = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def _follow(drive: DiffDrive, left: Array, right: Array, start: Array, rule: StepRule) -> Array:
-    """Return the poses of wheel angles, (N, 3)."""
+    """Return the poses integrated from wheel angles, (N, 3)."""
     poses = np.empty((left.size, 3))
     poses[:1] = start
     for first in range(0, left.size - 1, BLOCK_STEPS):

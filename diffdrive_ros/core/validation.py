@@ -1,4 +1,4 @@
-"""Validation of numeric arguments: errors have the argument, its value and the rule."""
+"""Validation of numeric arguments: errors name the argument, its value and the rule."""
 import math
 from numbers import Real
 

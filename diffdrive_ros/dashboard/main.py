@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog='dashboard', description=(__doc__ or '').split('\n\n')[0], allow_abbrev=False,
         epilog='ROS arguments come after --ros-args')
     parser.add_argument(
-        '--host', default='127.0.0.1', help='address to serve at; another than 127.0.0.1 lets '
+        '--host', default='127.0.0.1', help='address to listen on; any other than 127.0.0.1 lets '
         'other machines connect, with the token that is printed')
     parser.add_argument('--port', type=int, default=8080, help='default: 8080')
     parser.add_argument(

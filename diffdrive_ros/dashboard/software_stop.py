@@ -111,7 +111,7 @@ def value_of(status: Any, key: str, default: str = '') -> str:
 
 
 def inhibits_of(status: Any) -> list[str]:
-    """Return what inhibits the wheels by a status `commands`."""
+    """Return what inhibits the wheels, according to a status `commands`."""
     return [word for word in value_of(status, 'inhibits').split(',') if word]
 
 
